@@ -74,6 +74,15 @@ def test_a_long_list_of_findings_is_read_now_and_then(monkeypatch):
     assert len(read) == 5
 
 
+def test_what_can_not_be_shown_is_left_out_and_reported_once(capsys):
+    shown = graph.Graph.__new__(graph.Graph)
+    shown._not_shown = set()
+    for _ in range(3):
+        with shown._left_out("/surface/points"):
+            raise KeyError("height")
+    assert capsys.readouterr().err.count("messages of /surface/points can't be shown") == 1
+
+
 @pytest.mark.parametrize("at_once", [3, 8])
 def test_who_has_some_tiles_gets_the_rest(monkeypatch, at_once):
     monkeypatch.setattr("roller_bringup.view.scene._TILES_AT_ONCE", at_once)

@@ -12,6 +12,7 @@ from roller_core.codecs import ENCODED_ENCODINGS, PacketDecoder, encode
 from roller_core.events import EventArray
 from roller_driver.dvxplorer import protocol as p
 from roller_driver.dvxplorer.camera_settings import SensorSettings
+from roller_driver.dvxplorer.device import CameraDevice
 from roller_driver.dvxplorer.discovery import open_camera
 from roller_driver.dvxplorer.errors import CameraControlError
 from roller_driver.dvxplorer.packets import Packetiser
@@ -41,13 +42,13 @@ def scan(n=20_000, frames=300, seed=1, start_us=1_000_000):
 class Running:
     """A reader on a model, and what it handed out."""
 
-    def __init__(self, model, sensor=None, **settings):
+    def __init__(self, model, sensor=None, on_failure=None, **settings):
         self.backend, self.sensor = EmulatedBackend(model), sensor or SensorSettings()
         self.packets, self.changes = [], []
         self.reader = CameraReader(
             self._connect, self.packets.append,
             on_change=lambda state, fault: self.changes.append((state, fault)),
-            settings=ReaderSettings(retry_s=0.05, **settings),
+            on_failure=on_failure, settings=ReaderSettings(retry_s=0.05, **settings),
         )  # fmt: skip
 
     def _connect(self):
@@ -95,6 +96,22 @@ def test_biases_are_set_while_it_streams(firmware):
         model.unplug()
         running.wait(lambda: running.reader.status.state == SEARCHING)
         running.reader.set_biases(one)  # kept for the next
+
+
+@pytest.mark.parametrize("where", ["packet", "read", "run"])
+def test_a_fault_of_ours_is_handed_on_and_not_a_reader_that_stands_still(where, monkeypatch):
+    failed, broken = [], RuntimeError("broken")
+
+    def fail(*_):
+        raise broken
+
+    if where != "packet":
+        monkeypatch.setattr(CameraDevice, where, fail)
+    with Running(CameraModel(encode_words(scan()).tobytes()), None, failed.append) as running:
+        if where == "packet":
+            running.reader._on_packet = fail
+        running.wait(lambda: failed)
+    assert failed == [broken]
 
 
 def test_thresholds_that_an_old_camera_lacks_are_told_and_block_nothing():

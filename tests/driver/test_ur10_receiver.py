@@ -12,6 +12,7 @@ from driver.emulation import rtde_controller
 from driver.emulation.controller_process import ControllerProcess
 from own import LOOPBACK
 from roller_core.clock import SensorClock
+from roller_driver.ur10 import receiver
 from roller_driver.ur10.contact_watch import ContactWatch
 from roller_driver.ur10.errors import (
     MissingLibraryError,
@@ -161,6 +162,37 @@ def test_the_force_where_the_controller_gives_it(missing):
         forces = [0.0, 0.0, 31.5, 0.0, 0.0, 0.0]
         running.wait(lambda: running.samples[-1].wrench == tuple([] if missing else forces))
         running.wait_for(len(running.samples) + 5)
+
+
+def test_what_the_library_throws_is_a_lost_connection(monkeypatch):
+    opened, failures = receiver.open_receiver, [RuntimeError("std::exception")]
+
+    class Failing:
+        def __init__(self, interface):
+            self._interface = interface
+
+        def __getattr__(self, name):
+            if name == "getActualTCPPose" and failures:
+                raise failures.pop()
+            return getattr(self._interface, name)
+
+    monkeypatch.setattr(receiver, "open_receiver", lambda *a: Failing(opened(*a)))
+    with ControllerProcess(), Running() as running:
+        running.wait_for(5)
+    assert any("state can't be read (std::exception)" in fault for _, fault in running.changes)
+    assert running.receiver.status.connects == 2
+
+
+def test_a_fault_of_ours_is_handed_on_and_not_a_receiver_that_stands_still():
+    failed, broken = [], RuntimeError("broken")
+
+    def fail(_):
+        raise broken
+
+    with ControllerProcess(), Running(on_failure=failed.append) as running:
+        running.receiver._on_sample = fail
+        running.wait(lambda: failed)
+    assert failed == [broken]
 
 
 def test_what_is_no_number_is_left_out_and_counted():

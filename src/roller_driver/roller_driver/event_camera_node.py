@@ -37,7 +37,7 @@ from roller_ros.backlog import Backlog
 from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
-from roller_ros.worker import Worker
+from roller_ros.worker import Worker, end_process
 
 from .dvxplorer import protocol, reader
 
@@ -116,6 +116,7 @@ class EventCameraNode(RollerNode, LifecycleNode):
             self._take_packet,
             on_events=self._take_events,
             on_change=self._on_change,
+            on_failure=end_process,
             settings=reader.ReaderSettings(
                 round(self._p.event_message_time_threshold * 1e9), _PACKET_EVENTS
             ),

@@ -21,6 +21,7 @@ from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.tf import OtherPublishers
+from roller_ros.worker import end_process
 from tf_transformations import quaternion_about_axis
 
 
@@ -33,7 +34,6 @@ class Ur10Node(RollerNode):
         p.check_hand_eye_file()
         self._clock_map = SensorClock()
         self._published = 0
-        self._last_ns = 0
         self._missed_reported = self._steps_reported = self._not_finite_reported = 0
         self._meter = diagnostics.Meter()
         # Not _publishers: rclpy's own.
@@ -56,6 +56,7 @@ class Ur10Node(RollerNode):
             p.robot_ip,
             self._take,
             on_change=self._on_change,
+            on_failure=end_process,
             clock_ns=lambda: int(self.get_clock().now().nanoseconds),
             tcp_offset=p.tcp_offset,
         )

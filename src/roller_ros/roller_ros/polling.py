@@ -18,7 +18,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
-from .worker import ENDED
+from .worker import end_process
 
 #: Time between two looks, s.
 PERIOD_S = 0.01
@@ -126,9 +126,8 @@ class Poller:
         except (_rclpy.RCLError, _rclpy.InvalidHandle):
             pass  # the graph is gone
         except BaseException as error:
-            # A fault of ours, as one of a callback: it ends the node.
             if not self._stop.is_set():
-                ENDED.set_result(error)
+                end_process(error)
 
 
 def _take_waiting(subscription: Any, take: Take, parse: Parse | None) -> None:

@@ -23,6 +23,15 @@ ENDS_WITHIN_S = 5.0
 ENDED: Future[BaseException | None] = Future()
 
 
+def end_process(error: BaseException) -> None:
+    """Have this process end with a fault of ours: one that stands still unseen would be worse.
+
+    The thread that spins ends the node; from another, its end would wait for that one.
+    """
+    if not ENDED.done():
+        ENDED.set_result(error)
+
+
 class Worker(Generic[T]):
     """Handles items one after the other in its own thread.
 
@@ -112,9 +121,7 @@ class Worker(Generic[T]):
         except BaseException as error:  # also a panic of a library in Rust, which is no Exception
             if self._stop:
                 return  # the node is gone, what was being published could not be
-            # A fault of ours: a node that stands still without a word would be worse. The thread
-            # that spins ends the node; from here, its end would wait for this thread.
-            ENDED.set_result(error)
+            end_process(error)
 
     def _work(self) -> None:
         # Idle time is the sum of short waits in vain, each counted as no longer than it was to be,

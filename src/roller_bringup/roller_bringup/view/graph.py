@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,7 @@ class Graph:
         self._pose_seen_s = self._lag_seen_s = 0.0
         self._stamp_ns = 0
         self._ended = False
+        self._not_shown: set[str] = set()
         self._list: bytes | None = None
         self._list_due_s = 0.0
         self._subscriptions: dict[str, tuple[Any, Callable[[list[bytes]], None]]] = {}
@@ -127,15 +129,27 @@ class Graph:
                 for _ in range(_PORTIONS):
                     if not (found := _take_some(subscription)):
                         break
-                    with self._scene.lock:
+                    with self._scene.lock, self._left_out(subscription.topic_name):
                         take(found)
-            self._read_list()
+            with self._left_out(outputs.FINDINGS):
+                self._read_list()
             if time.monotonic() - self._lag_seen_s > _RESULTS_GONE_S:
                 self._scene.lag_s = None
             if time.monotonic() - self._pose_seen_s > _POSES_GONE_S:
                 self._scene.speed_m_s = self._scene.force_n = self._pose = None
             if not self._ended and self._scene.stopped(time.monotonic()):
                 self._ended = not self._node.count_publishers(outputs.DIAGNOSTICS)
+
+    @contextmanager
+    def _left_out(self, topic: str) -> Iterator[None]:
+        """Leave out what can't be shown, whatever is wrong with it; the others go on."""
+        try:
+            yield
+        except Exception as error:
+            if topic not in self._not_shown:
+                self._not_shown.add(topic)
+                what = f"{type(error).__name__}: {error}"
+                print(f"warning: messages of {topic} can't be shown ({what})", file=sys.stderr)
 
     def _take_map(self, found: list[bytes]) -> None:
         """Take the map as it was when we came; afterwards the points themselves are enough."""

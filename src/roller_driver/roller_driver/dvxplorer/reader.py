@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from roller_core.events import EventArray
+from roller_core.watched_thread import OnFailure, WatchedThread
 
 from .camera_settings import SensorSettings
 from .decoder import DecoderCounts, WordDecoder
@@ -76,6 +77,8 @@ class CameraReader:
         Takes each transfer's events, in the reader's thread; its arrays are used again.
     on_change : callable
         Takes each new state and its fault.
+    on_failure : callable, optional
+        Takes what ended its thread, which is a fault of ours: see `WatchedThread`.
     settings : ReaderSettings
         How the stream is read.
     clock_ns : callable
@@ -89,6 +92,7 @@ class CameraReader:
         *,
         on_events: Callable[[EventArray], None] | None = None,
         on_change: Callable[[str, str], None] | None = None,
+        on_failure: OnFailure | None = None,
         settings: ReaderSettings | None = None,
         clock_ns: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -105,7 +109,7 @@ class CameraReader:
         self._firmware = self._connects = self._packets = 0
         self._device: CameraDevice | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="event camera", daemon=True)
+        self._thread = WatchedThread("event camera", self._run, self._stop, on_failure)
 
     def start(self) -> None:
         """Start to look for the camera."""
@@ -113,9 +117,7 @@ class CameraReader:
 
     def stop(self) -> None:
         """Stop the stream and let go of the camera."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=10.0)
+        self._thread.end(10.0)
 
     def set_biases(self, settings: SensorSettings) -> None:
         """Set the biases of the camera that streams, if one does.

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .device import CameraDevice
-from .errors import CameraControlError, CameraFault, CameraLostError
+from .errors import CameraControlError, CameraLostError
 
 _TIMEOUT_MS = 100
 _MAX_STALLS = 10
@@ -78,7 +78,7 @@ class TransferReader:
         self._waiting: queue.SimpleQueue[Transfer] = queue.SimpleQueue()
         # Each is written by one thread alone.
         self._put_bytes = self._got_bytes = self._missing_bytes = 0
-        self._fault: CameraFault | None = None
+        self._fault: Exception | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="usb", daemon=True)
         self._starter = threading.Timer(_RUN_DELAY_S, self._start_stream)
@@ -95,8 +95,9 @@ class TransferReader:
 
         Raises
         ------
-        CameraFault
-            What ended the reading, once all that came before is handed out.
+        Exception
+            What ended the reading, once all that came before is handed out: a `CameraFault`, or
+            what is a fault of ours.
         """
         try:
             transfer = self._waiting.get(timeout=timeout_s)
@@ -117,14 +118,20 @@ class TransferReader:
     def _start_stream(self) -> None:
         try:
             self._device.run()
-        except CameraFault as error:
+        except Exception as error:  # who asks for the next transfer is told
             self._fail(error)
 
-    def _fail(self, error: CameraFault) -> None:
+    def _fail(self, error: Exception) -> None:
         self._fault = self._fault or error
         self._stop.set()
 
     def _run(self) -> None:
+        try:
+            self._read()
+        except Exception as error:
+            self._fail(error)
+
+    def _read(self) -> None:
         stalls = 0
         view = memoryview(self._buffer)
         while not self._stop.is_set():
@@ -133,12 +140,10 @@ class TransferReader:
             except CameraControlError as error:
                 stalls += 1
                 self._counts.stalls += 1
-                if not self._recover(stalls, error):
-                    return
+                if stalls > _MAX_STALLS:
+                    raise CameraLostError(f"{error} {stalls} times in a row") from error
+                self._device.clear_halt()
                 continue
-            except CameraFault as error:
-                self._fail(error)
-                return
             arrival_ns = self._clock_ns()
             stalls = 0
             if not length:
@@ -153,15 +158,3 @@ class TransferReader:
                 self._put_bytes += length
                 self._waiting.put(Transfer(bytes(view[:length]), arrival_ns, self._missing_bytes))
                 self._missing_bytes = 0
-
-    def _recover(self, stalls: int, error: CameraFault) -> bool:
-        """Clear a halt; False when that doesn't help."""
-        if stalls > _MAX_STALLS:
-            self._fail(CameraLostError(f"{error} {stalls} times in a row"))
-            return False
-        try:
-            self._device.clear_halt()
-        except CameraFault as fault:
-            self._fail(fault)
-            return False
-        return True

@@ -6,20 +6,25 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
+
+from roller_core.watched_thread import OnFailure, WatchedThread
 
 from .errors import MissingLibraryError, ProtocolRefusedError, RobotFault, RobotLostError
 from .receiver_status import RECEIVING, SEARCHING, STOPPED, ReceiverStatus
 from .rtde import Controller, ask_controller
 from .tool_check import ToolCheck
 
+T = TypeVar("T")
+
 #: What the controller is asked to send.
 VARIABLES = [
     "timestamp",
     "actual_TCP_pose",
     "actual_TCP_speed",
-    "robot_mode",
     "safety_mode",
 ]
 #: What it may be without.
@@ -84,8 +89,14 @@ class RobotReceiver:
         Takes each new state and its fault.
     clock_ns : callable
         The host's time, ns.
-    connect_timeout_s, retry_s, silence_s : float
-        See `Ur10Parameters`.
+    on_failure : callable, optional
+        Takes what ended one of its threads, which is a fault of ours: see `WatchedThread`.
+    connect_timeout_s : float
+        Longest wait for an answer of the controller, s.
+    retry_s : float
+        Pause between attempts to connect, s.
+    silence_s : float
+        Without a sample for so long the connection is lost, s.
     tcp_offset : sequence of float
         See `ToolCheck`.
     """
@@ -96,6 +107,7 @@ class RobotReceiver:
         on_sample: Callable[[RobotSample], None],
         *,
         on_change: Callable[[str, str], None] | None = None,
+        on_failure: OnFailure | None = None,
         clock_ns: Callable[[], int] = time.time_ns,
         connect_timeout_s: float = 2.0,
         retry_s: float = 1.0,
@@ -112,10 +124,11 @@ class RobotReceiver:
         self._has_force = False
         self.status = ReceiverStatus()
         self._tool = ToolCheck(
-            host, tcp_offset, connect_timeout_s, retry_s, lambda: self.status.state == RECEIVING
-        )
+            host, tcp_offset, connect_timeout_s, retry_s,
+            lambda: self.status.state == RECEIVING, on_failure,
+        )  # fmt: skip
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
+        self._thread = WatchedThread("robot", self._run, self._stop, on_failure)
 
     def start(self) -> None:
         """Start to look for the robot."""
@@ -126,8 +139,7 @@ class RobotReceiver:
         """Close the connection and end."""
         self._stop.set()
         self._tool.stop()
-        if self._thread.is_alive():
-            self._thread.join(timeout=10.0)
+        self._thread.end(10.0)
 
     def _change(self, state: str, fault: str) -> None:
         s = self.status
@@ -159,7 +171,8 @@ class RobotReceiver:
                 self._change(SEARCHING, str(error))
                 self._stop.wait(min(self._retry_s, 0.2))
             finally:
-                interface.disconnect()
+                with suppress(Exception):  # the library raises what its C++ throws
+                    interface.disconnect()
         self._change(STOPPED, "")
 
     def _receive(self, interface: Any, controller: Controller) -> None:
@@ -170,11 +183,11 @@ class RobotReceiver:
         self._tool.begin()
         while not self._stop.is_set():
             self._tool.raise_if_other()
-            stamp = interface.getTimestamp()
+            stamp = self._ask(interface.getTimestamp)
             now = time.monotonic()
             controller_ns = round(stamp * 1e9)
             if controller_ns == last_ns or stamp == 0.0:
-                if not interface.isConnected():
+                if not self._ask(interface.isConnected):
                     raise RobotLostError(f"robot {self._host}: the connection was lost")
                 if now - last_seen > self._silence_s:
                     raise RobotLostError(
@@ -182,7 +195,7 @@ class RobotReceiver:
                     )
                 time.sleep(_POLL_S)
                 continue
-            sample = self._untorn(interface, stamp)
+            sample = self._ask(partial(self._untorn, interface, stamp))
             if s.state != RECEIVING:
                 self._change(RECEIVING, "")
             # A torn read ends with a newer sample than it began with.
@@ -207,6 +220,15 @@ class RobotReceiver:
             # The next one is most of a period away; then look often.
             time.sleep(0.7 * period_s)
 
+    def _ask(self, question: Callable[[], T]) -> T:
+        """What the library answers; it raises what its C++ throws."""
+        try:
+            return question()
+        except Exception as error:
+            raise RobotLostError(
+                f"robot {self._host}: its state can't be read ({str(error).strip()})"
+            ) from error
+
     def _untorn(self, interface: Any, stamp: float) -> RobotSample:
         """Read until the time stamp is the same before and after."""
         while True:
@@ -217,7 +239,6 @@ class RobotReceiver:
             if not all(map(math.isfinite, wrench)):
                 wrench = ()
             self.status.safety_mode = int(interface.getSafetyMode())
-            self.status.robot_mode = int(interface.getRobotMode())
             after = interface.getTimestamp()
             if after == stamp:
                 return RobotSample(round(stamp * 1e9), arrival_ns, pose, speed, wrench)

@@ -53,9 +53,8 @@ class ReceiverStatus:
     not_finite: int = 0
     #: Times that the controller's clock went back.
     steps_back: int = 0
-    #: As the controller reports them; 0 and -1 before it does.
+    #: As the controller reports it; 0 before it does.
     safety_mode: int = 0
-    robot_mode: int = -1
 
     @property
     def safety(self) -> str:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 
 from roller_core.transforms import rotation_vector_to_quaternion
+from roller_core.watched_thread import OnFailure, WatchedThread
 
 from .errors import OtherToolError, RobotFault
 from .rtde import read_tcp_offset, tcp_offsets
@@ -31,6 +32,8 @@ class ToolCheck:
         Longest wait for an answer, and pause before asking again, s.
     poses_come : callable
         Whether there are poses that another tool would spoil.
+    on_failure : callable, optional
+        See `WatchedThread`.
     """
 
     def __init__(
@@ -40,6 +43,7 @@ class ToolCheck:
         timeout_s: float,
         retry_s: float,
         poses_come: Callable[[], bool],
+        on_failure: OnFailure | None = None,
     ) -> None:
         self._host = host
         self._expected = expected
@@ -48,7 +52,7 @@ class ToolCheck:
         self._poses_come = poses_come
         self._other: OtherToolError | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="tool", daemon=True)
+        self._thread = WatchedThread("tool", self._watch, self._stop, on_failure)
 
     @property
     def _asked_for(self) -> bool:
@@ -61,9 +65,7 @@ class ToolCheck:
 
     def stop(self) -> None:
         """Watch no longer."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=10.0)
+        self._thread.end(10.0)
 
     def check(self) -> None:
         """Ask once.
