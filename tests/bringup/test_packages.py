@@ -54,6 +54,8 @@ PIP_ONLY = {
 UNSEEN = {"setuptools"}
 #: What `ros2 launch` reads our launch files with.
 LAUNCH = {"launch_ros", "launch_xml", "ros2launch"}
+#: What is the same in every package, and named where there is something to say of it.
+UNNAMED = {"commands", "errors"}
 #: Imported where it is there, and never needed.
 OPTIONAL = {"argcomplete", "distributed", "h5py", "hdf5plugin", "louis", "rerun", "weasyprint"}
 
@@ -123,6 +125,26 @@ def test_requirements_name_what_is_imported_and_nothing_else() -> None:
     assert not needed - asked, "requirements.in lacks what is imported"
     unknown = {n for n in imported if n not in {*PIP_ONLY, *ROSDEP} and not is_ros(n)}
     assert not unknown, "neither in ROSDEP nor in PIP_ONLY"
+
+
+@pytest.mark.parametrize(
+    "folder", [path for path in PYTHON_PACKAGES if path.parent.name == "src"], ids=lambda p: p.name
+)
+def test_a_packages_page_names_its_modules(folder: Path) -> None:
+    cells = [line.split("|")[1] for line in (folder / "README.md").read_text().splitlines()
+             if line.startswith("| `")]  # fmt: skip
+    named = {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
+    known = {part for name in named for part in name.strip("/").split("/")}
+    source = folder / folder.name
+    own = {path.stem for path in source.iterdir() if path.suffix == ".py" or is_package(path)}
+    assert not {name for name in own if not name.startswith("_")} - UNNAMED - known
+    there = {path.stem for path in source.rglob("*")}
+    gone = {name for name in known if not any(c in name for c in "…*") and name not in there}
+    assert not gone, "modules that aren't there"
+
+
+def is_package(path: Path) -> bool:
+    return (path / "__init__.py").exists()
 
 
 def is_ros(name: str) -> bool:

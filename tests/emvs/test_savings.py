@@ -7,7 +7,7 @@ from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, tilted_scan, 
 from roller_core import hot_pixels as hot_pixels_module
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_core.hot_pixels import find_hot_pixels, hot_pixels
+from roller_core.hot_pixels import count_events, find_hot_pixels
 from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
@@ -170,22 +170,29 @@ def test_few_busy_pixels_are_judged_as_many_are(monkeypatch: pytest.MonkeyPatch)
         assert few is not None
 
 
+def hot_pixels(events: EventArray) -> np.ndarray | None:
+    """Hot pixels by the events of one window, for any direction of travel."""
+    counts = np.zeros((120, 320), np.float32)
+    count_events(events, counts)
+    return find_hot_pixels(counts, columns_too=True)
+
+
 def test_a_pixel_that_fires_on_its_own_is_hot() -> None:
     rng = np.random.default_rng(0)
     n = 20_000
     x, y = rng.integers(0, 320, n), rng.integers(0, 120, n)
     t = np.arange(n)
     events = EventArray.from_arrays(x, y, t, t % 2)
-    assert hot_pixels(events, (120, 320)) is None
+    assert hot_pixels(events) is None
     fires = EventArray.from_arrays(np.full(300, 7), np.full(300, 5), np.arange(300), [0] * 300)
-    hot = hot_pixels(EventArray.concatenate([events, fires]), (120, 320))
+    hot = hot_pixels(EventArray.concatenate([events, fires]))
     assert hot is not None
     np.testing.assert_array_equal(np.argwhere(hot), [[5, 7]])
     # A row or a column of many events sees something.
     row = EventArray.from_arrays(t % 320, np.full(n, 60), t, t % 2)
     column = EventArray.from_arrays(np.full(n, 60), t % 120, t, t % 2)
     for seen in (row, column):
-        assert hot_pixels(seen, (120, 320)) is None
+        assert hot_pixels(seen) is None
 
 
 def test_a_turning_camera_is_voted_view_by_view() -> None:

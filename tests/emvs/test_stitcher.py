@@ -1,7 +1,10 @@
 """Voxels, ICP, patches and the cloud's file."""
 
+import errno
+import io
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -217,6 +220,30 @@ def test_ply_opens_in_open3d_and_in_ours(tmp_path: Path) -> None:
 def test_ply_says_when_it_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(UnwritableOutputError, match="can't be written"):
         PlyWriter(tmp_path / "no" / "such" / "a.ply", ())
+    with pytest.raises(UnwritableOutputError, match="No space left"):
+        PlyWriter("/dev/full", ())
+
+
+@pytest.mark.parametrize("fails", ["points", "count"])
+def test_a_ply_on_a_full_disk_holds_the_patches_before(tmp_path: Path, fails: str) -> None:
+    path, points = tmp_path / "surface.ply", np.ones((10, 3))
+
+    class FullDisk(io.FileIO):
+        def write(self, data: Any) -> int:
+            if (len(data) > 100) == (fails == "points"):
+                super().write(bytes(data)[: len(data) // 2])
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data)
+
+    with PlyWriter(path, ()) as writer:
+        writer.write(points)
+        good, writer._file = writer._file, FullDisk(path, "r+")
+        with pytest.raises(UnwritableOutputError, match="No space left"):
+            writer.write(points)
+        writer._file.close()
+        writer._file = good
+        writer.write(2 * points[:5])
+    assert read_ply(path)["z"].tolist() == [1.0] * 10 + [2.0] * 5
 
 
 def test_a_depth_map_that_lacks_a_part_holds_up_nobody_for_long() -> None:

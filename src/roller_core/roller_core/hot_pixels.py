@@ -81,21 +81,6 @@ def _mean_beside(
     return counts[rows[:, None], beside].mean(axis=1)
 
 
-def hot_pixels(events: EventArray, shape: tuple[int, int]) -> npt.NDArray[np.bool_] | None:
-    """Hot pixels by the events of one window, for any direction of travel.
-
-    Parameters
-    ----------
-    events : EventArray
-        Of a window.
-    shape : tuple of int
-        Rows and columns of the image.
-    """
-    counts = np.zeros(shape, np.float32)
-    count_events(events, counts)
-    return find_hot_pixels(counts, columns_too=True)
-
-
 @njit(cache=True, nogil=True)
 def _count(x, y, counts):  # type: ignore[no-untyped-def]
     """Count events by pixel. x, y: uint16 (n,); counts: float32 (h, w)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -49,13 +50,17 @@ class PlyWriter:
         self._end = 0
         try:
             self._file = open(path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        try:
             self._append(head.encode())
             self._count_at = self._end
             self._append(
                 (f"{0:<{_COUNT_WIDTH}}\n" + "\n".join([*names, "end_header"]) + "\n").encode()
             )
         except OSError as error:
-            raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
+            self._file.close()
+            raise self._unwritable(error) from error
 
     def write(self, points: npt.NDArray[np.float64], *properties: npt.NDArray[np.float32]) -> None:
         """Append points, shape (n, 3), and their properties, each shape (n,).
@@ -71,16 +76,24 @@ class PlyWriter:
         names = self._kind.names or ()
         for name, column in zip(names, [*points.T, *properties], strict=True):
             rows[name] = column
+        end, count = self._end, self.count + len(points)
         try:
             self._append(rows.tobytes())
+            self._write_count(count)
         except OSError as error:
-            self._file.truncate(self._end)
-            raise UnwritableOutputError(
-                f"{self._path}: can't be written ({error.strerror})"
-            ) from error
-        self.count += len(points)
+            self._end = end
+            with suppress(OSError):
+                self._write_count(self.count)
+                self._file.truncate(end)
+            raise self._unwritable(error) from error
+        self.count = count
+
+    def _write_count(self, count: int) -> None:
         self._file.seek(self._count_at)
-        self._file.write(f"{self.count:<{_COUNT_WIDTH}}".encode())
+        self._file.write(f"{count:<{_COUNT_WIDTH}}".encode())
+
+    def _unwritable(self, error: OSError) -> UnwritableOutputError:
+        return UnwritableOutputError(f"{self._path}: can't be written ({error.strerror})")
 
     def _append(self, data: bytes) -> None:
         """Write at the end; a full disk takes part of it before it says so."""

@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from roller_core.progress import OnProgress, no_progress
+from roller_inspect.findings import KINDS
 from roller_sim.presets import COATINGS
 
 from .cases import Case, ScanCase
@@ -22,7 +23,6 @@ from .run import run
 from .tables import Table, number, share, write_json
 
 METHOD = "surface"
-KINDS = ("dent", "crater", "scratch", "raised", "missing", "extra")
 #: Plates that the inspection may be tuned on have seeds from the first on, those of a report from
 #: the second.
 TUNING_SEED, REPORT_SEED = 1, 1001

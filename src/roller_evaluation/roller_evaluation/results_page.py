@@ -19,8 +19,6 @@ from .rows import Row, where
 from .tables import Table, markdown_page, share
 from .time_table import processing_time
 
-#: Experiments that the page shows.
-EXPERIMENTS = ("objects", "sensors", "map", "time", "braille")
 #: How every such page begins: no other file is ever replaced.
 MARK = "<!-- roller evaluate -->"
 #: Line that ends what a run writes; what people write below it stays.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table as RichTable
+
+from roller_core.plain_json import to_text
 
 #: Columns of the tables where they go to a file.
 _WIDTH = 130
@@ -32,7 +33,7 @@ class Table:
 
 def write_json(result: dict[str, Any], path: Path) -> None:
     """Write all figures."""
-    path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    path.write_text(to_text(result), encoding="utf-8")
 
 
 def markdown_page(title: str, about: str, found: Sequence[Table]) -> str:

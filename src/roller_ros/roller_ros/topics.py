@@ -78,7 +78,6 @@ OUTPUTS = (
 )
 ALL = INPUTS + FORCE + OUTPUTS
 BY_NAME = {topic.name: topic for topic in ALL}
-EVENT_TYPE = INPUTS[0].type_name
 
 
 def publisher(node: Node, name: str) -> Publisher[Any]:

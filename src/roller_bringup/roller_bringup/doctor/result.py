@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Literal
+
+from roller_core.plain_json import to_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -62,4 +63,4 @@ def as_json(results: Sequence[Result]) -> str:
     """The same as JSON: `faults`, `warnings` and `checks`."""
     counts = {f"{level}s": sum(r.level == level for r in results) for level in ("fault", "warning")}
     checks = [asdict(r) for r in results]
-    return json.dumps({**counts, "checks": checks}, indent=1, ensure_ascii=False)
+    return to_text({**counts, "checks": checks}).rstrip("\n")

@@ -21,8 +21,6 @@ from .tiles import TILE, pack
 
 #: Tiles in one answer: some 1.2 MB at most.
 _TILES_AT_ONCE = 32
-#: The newest text that is shown.
-_MOST_TEXT = 20_000
 
 
 def _no_depth() -> F32:

@@ -17,6 +17,7 @@ from roller_core.calibration_file import (
 )
 from roller_core.camera import Camera
 from roller_core.option_types import add_output
+from roller_core.plain_json import to_text
 
 from .output import check_mm
 
@@ -132,8 +133,7 @@ def run(args: argparse.Namespace) -> int:
                 kind: str(r.get("date", "")) for kind, r in records.items() if isinstance(r, dict)
             },
         )  # fmt: skip
-        text = json.dumps(certificate, indent=1, ensure_ascii=False)
-        (output.partial / "certificate.json").write_text(text + "\n")
+        (output.partial / "certificate.json").write_text(to_text(certificate))
         (output.partial / "certificate.html").write_text(_page(certificate))
     for line in [certificate["verdict"].upper(), *short]:
         print(line)

@@ -11,11 +11,9 @@ from .encoder import MAX_SPAN_NS, encode
 from .errors import CodecError, PacketLengthError, PacketTimeError, UnknownEncodingError
 from .raw_packet import RawPacket, count_events
 
-DECODED_ENCODINGS = ("mono", "libcaer", "libcaer_cmp", "evt3", "trigger")
 ENCODED_ENCODINGS = ("mono", "libcaer", "libcaer_cmp", "evt3")
 
 __all__ = [
-    "DECODED_ENCODINGS",
     "ENCODED_ENCODINGS",
     "MAX_SPAN_NS",
     "CodecError",

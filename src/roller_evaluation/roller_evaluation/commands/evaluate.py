@@ -241,7 +241,8 @@ def _add_pod(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -
 
 
 def _run_pod(args: argparse.Namespace) -> int:
-    from roller_evaluation.pod import KINDS, TUNING_SEED, PodOptions, run_pod, tables
+    from roller_evaluation.pod import TUNING_SEED, PodOptions, run_pod, tables
+    from roller_inspect.findings import KINDS
 
     chosen = given(args, "plates", "speeds", "coatings", "kinds", "depths_mm", "widths_mm")
     check_names("coatings", chosen.get("coatings", ()), COATINGS)

@@ -11,6 +11,8 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
+from roller_core.plain_json import to_text
+
 from .jobs import Row
 
 #: For bytes of file names that are no text.
@@ -31,8 +33,8 @@ def write_summary(folder: Path, rows: Sequence[Row], results: Path) -> None:
     """
     data = [asdict(row) for row in rows]
     counts = Counter(row.verdict or "failed" for row in rows)
-    text = json.dumps({"schema": "roller-batch/1", "verdicts": counts, "jobs": data}, indent=1)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    text = to_text({"schema": "roller-batch/1", "verdicts": counts, "jobs": data})
+    (folder / "summary.json").write_text(text, encoding="utf-8")
     with (folder / "summary.csv").open("w", newline="", encoding="utf-8", errors=_ODD) as file:
         writer = csv.DictWriter(file, [field.name for field in fields(Row)])
         writer.writeheader()

@@ -8,11 +8,10 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from roller_core.settings import Settings
-from roller_inspect.findings import Limits
+from roller_inspect.findings import KINDS, Limits
 
 from .measure import DEEPEST_M
 
-_KINDS = ("dent", "crater", "scratch", "raised", "missing", "extra")
 #: Sizes that a tolerance may limit, as a finding has them.
 _SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
 
@@ -54,7 +53,7 @@ def check_discrimination(tolerances: Sequence[Tolerance], limits: Limits) -> Non
     ValueError
         Naming it.
     """
-    usual, left = Limits.create({}), set(_KINDS)
+    usual, left = Limits.create({}), set(KINDS)
     for tolerance in (*tolerances, DEFAULT_TOLERANCE):
         which = "the default tolerance" if tolerance is DEFAULT_TOLERANCE else "a tolerance"
         for name, most in tolerance.limits().items():
@@ -65,6 +64,6 @@ def check_discrimination(tolerances: Sequence[Tolerance], limits: Limits) -> Non
                     "is never found, and would pass"
                 )
         if not tolerance.region:
-            left -= set(_KINDS) if tolerance.kind == "any" else {tolerance.kind}
+            left -= set(KINDS) if tolerance.kind == "any" else {tolerance.kind}
         if not left:
             return  # none after it holds

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from roller_inspect.results.plain_json import plain
+from roller_core.plain_json import plain
 
 from .reference import ReferenceError
 

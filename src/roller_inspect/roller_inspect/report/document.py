@@ -14,11 +14,11 @@ from roller_core.calibration_file import SECTION, digest
 from roller_core.camera import Camera
 from roller_core.digests import data_digest, source_digest
 from roller_core.parameter_files import read_parameters
+from roller_core.plain_json import plain
 from roller_inspect.inspect_stage import Inspected, inspect_parameters
 from roller_inspect.judgement import Judged
 from roller_inspect.measures import Figure
 from roller_inspect.recipe import Recipe
-from roller_inspect.results.plain_json import plain
 
 from .texture import texture
 

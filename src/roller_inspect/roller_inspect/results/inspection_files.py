@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from roller_core.plain_json import to_text
 from roller_inspect.exports.height_files import write_sdf, write_x3p
 from roller_inspect.exports.pdf import write_pdf
 from roller_inspect.exports.tables import write_findings_csv, write_height_png, write_png
@@ -18,7 +19,6 @@ from roller_inspect.report.map_section import Pictured
 from roller_inspect.report.page import page
 from roller_inspect.report.pictures import map_picture
 
-from .plain_json import to_text
 from .summary import inspection_summary
 
 #: Width of `deviation.png`.

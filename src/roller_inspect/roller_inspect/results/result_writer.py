@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from roller_braille.text_files import cells_to_json, to_brf
 from roller_braille.translation import LineCell
 from roller_core.bag_writer import BagWriter
 from roller_core.outputs import DIAGNOSTICS, FINDING_MARKERS, FINDINGS, Output, Result
+from roller_core.plain_json import to_text
 from roller_emvs.patch import SURFACE_PROPERTIES, Patch
 from roller_emvs.ply import PlyWriter
 from roller_ros import topics
@@ -132,7 +132,6 @@ def write_braille(
     """
     data = cells_to_json(cells, lines, code)
     (folder / "braille.txt").write_text("".join(f"{line}\n" for line in data["text"]))
-    text = json.dumps(data, indent=1, ensure_ascii=False)
-    (folder / "braille.json").write_text(text + "\n")
+    (folder / "braille.json").write_text(to_text(data))
     brf = to_brf([[cell.mask for cell in line] for line in lines])
     (folder / "braille.brf").write_bytes(brf.encode("ascii"))

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from roller_core.errors import RollerError
+from roller_core.plain_json import to_text
 from roller_core.window_account import WindowAccount
 from roller_emvs.lines.edge_drift import NOT_CALIBRATED
-
-from .plain_json import to_text
 
 
 @dataclass

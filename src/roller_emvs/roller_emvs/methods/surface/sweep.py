@@ -71,7 +71,6 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
         self._drifts = settings.edge_drift, settings.edge_drift.under_texture()
-        self.milliseconds: dict[str, float] = {}
         # Whether any block so far was.
         self._textured = False
         self._pass: tuple[Strip, TravellingLight, PatchEnds, PathError] | None = None
@@ -135,8 +134,6 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             keep &= (np.abs(found.offset) <= strip.half_m) & self._seen(strip, x)
             points = strip.to_base(local[keep])
         watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
-        for stage, spent in watch.milliseconds.items():
-            self.milliseconds[stage] = self.milliseconds.get(stage, 0.0) + spent
         return SurfacePatch(
             points,
             (points[:, 2] - s.surface_z_m).astype(np.float32),
