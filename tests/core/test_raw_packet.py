@@ -81,7 +81,7 @@ def test_gaps_in_the_numbers() -> None:
     gaps.see("/a", 0, 8 * 10**9)  # a driver that started anew
     gaps.see("/a", 1, 9 * 10**9)
     assert (gaps.lost, gaps.gaps) == (2 + 7, 2)
-    assert gaps.told(10**9) == "2 before 1.000 s, 7 before 5.000 s"
+    assert gaps.describe(10**9) == "2 before 1.000 s, 7 before 5.000 s"
     # No cell loses an hour of packets in one place: it is another source.
     for seq in (2**63, 2**63 + 2, 2**64 - 1, 0):
         gaps.see("/a", seq, 10 * 10**9)

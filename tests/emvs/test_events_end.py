@@ -7,7 +7,7 @@ import pytest
 
 from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of
 from roller_core.outputs import EVENTS_ENDED, ScanFault
-from roller_core.passes import way_gone_on
+from roller_core.passes import travel_since
 from roller_emvs.surface_stage import SurfaceParameters, SurfaceStage
 
 
@@ -42,7 +42,7 @@ def gone(place: Callable[[float], tuple[float, float]], t_s: float = 0.2) -> flo
         x, z = place(t)
         return np.array([x, 0.0, z]), np.array([1.0, 0.0, 0.0, 0.0])
 
-    return 1e3 * way_gone_on(track_of(motion, 0.6), round(t_s * 1e9))
+    return 1e3 * travel_since(track_of(motion, 0.6), round(t_s * 1e9))
 
 
 def test_what_the_sensor_does_after_its_events() -> None:

@@ -19,23 +19,14 @@ from .event_stream import EventStream, StreamCounts
 from .events import EventArray
 from .frame_settings import StreamSettings
 from .outputs import Output, Result, ScanFault, stamp_ns
-from .passes import way_gone_on
 from .pose_track import PoseTrack
 from .result_times import ResultTimes
-from .seq_gaps import LossShare
+from .scan_watch import SETTLED_NS, ScanWatch
 from .stage import ERROR, OK, WARN, Stage
 from .time_order import TimeBackwardsError
 
 #: As many events as a packet of a busy scan has, about.
 _USUAL_EVENTS = 5000
-#: Poses and events from so long after the robot came to rest say that its scan is over, ns: the
-#: clocks of both agree by far less.
-_SETTLED_NS = 50_000_000
-#: Events so much newer than the newest pose show that poses don't come any more, ns.
-_NO_POSES_NS = 500_000_000
-#: A camera that gives not one event over so much of the way, m, in so long, ns, is gone: pixels are
-#: never all quiet.
-_NO_EVENTS_M, _NO_EVENTS_NS = 0.01, 100_000_000
 
 
 class Pipeline(Protocol):
@@ -85,10 +76,7 @@ class EventStage(Stage[E], Generic[E, P]):
         self._early = EarlyPackets(settings.max_waiting_mb * 1e6)
         self._times = ResultTimes()
         self._past: Counter[str] = Counter()
-        self._losses = LossShare()
-        self._told: list[Result] = []
-        # Of the events, and of those after which it was told that none came.
-        self._last_event_ns = self._ended_ns = 0
+        self._watch = ScanWatch(self.frames)
 
     def warm_up(self) -> None:
         """Load what decodes packets and maps their times; a stage adds what it needs."""
@@ -171,19 +159,13 @@ class EventStage(Stage[E], Generic[E, P]):
         lost = self.stream.counts.lost_packets - lost
         if self.pipeline is not None and lost > 0:
             self.pipeline.miss()
-        self._tell(self._losses.see(stamp_ns(packet), lost))
+        self._watch.take_packet(stamp_ns(packet), lost)
         self.take_events(events)
-
-    def _tell(self, told: tuple[int, str] | None) -> None:
-        """Tell inspection of data that were lost, where the surface is worked out."""
-        if told is not None and outputs.CONTACT in self.outputs:
-            fault = Output(outputs.CONTACT, told[0], "", ScanFault(told[1], "data"))
-            self._told.append(Result(None, (fault,), told[1]))
 
     def take_events(self, events: EventArray) -> None:
         """Take decoded events in order of time, ROS time; the camera must have come."""
         if self.pipeline is not None and len(events):
-            self._last_event_ns = int(events.t_ns[-1])
+            self._watch.take_events(int(events.t_ns[-1]))
             self.pipeline.add_events(events)
 
     def health(self) -> tuple[int, str]:
@@ -204,28 +186,8 @@ class EventStage(Stage[E], Generic[E, P]):
         return 0 if rest is None or newest is None else max(newest - rest[1], 0)
 
     def _poses_ended(self) -> str:
-        """What to tell of events that wait for poses that don't come any more; or nothing."""
-        behind_ns, frames = self.poses_behind_ns, self.frames
-        if not self.waits_for_poses or behind_ns < _NO_POSES_NS:
-            return ""
-        return (
-            f"poses {frames.base} -> {frames.moving} are missing: the newest is "
-            f"{behind_ns * 1e-9:.1f} s older than the newest event"
-        )
-
-    def _events_ended(self) -> tuple[int, str] | None:
-        """When, ns, and what to tell of a way that the sensor went on without any events; once."""
-        newest, track = self._last_event_ns, self.frames.track
-        if not len(track) or newest in (0, self._ended_ns):
-            return None
-        gone_m = way_gone_on(track, newest)
-        if gone_m < _NO_EVENTS_M or track.end_ns < newest + _NO_EVENTS_NS:
-            return None
-        self._ended_ns = newest
-        return newest, (
-            f"{outputs.EVENTS_ENDED} over the last {gone_m * 1e3:.0f} mm of the way: the camera, "
-            "or its recording, ended before the scan"
-        )
+        """What to report of events that wait for poses that don't come any more; or nothing."""
+        return self._watch.poses_ended(self.poses_behind_ns) if self.waits_for_poses else ""
 
     @property
     def waits_for_poses(self) -> bool:
@@ -239,7 +201,7 @@ class EventStage(Stage[E], Generic[E, P]):
         if rest is None or newest is None:
             return False
         since, until = rest
-        return min(until, newest) >= since + _SETTLED_NS
+        return min(until, newest) >= since + SETTLED_NS
 
     @property
     def lost(self) -> bool:
@@ -310,13 +272,11 @@ class EventStage(Stage[E], Generic[E, P]):
         if self.pipeline is None:
             return
         if flush:
-            self._tell(self._losses.end())
-            self._tell(self._events_ended())
-            if (ended := self._poses_ended()) and (rest := self.frames.rest_ns):
-                # Of a robot that stands after its scan nobody misses poses.
-                self._tell((rest[1], ended) if rest[1] - rest[0] < _SETTLED_NS else None)
-        told, self._told = self._told, []
-        yield from told
+            self._watch.end(self._poses_ended())
+        for t_ns, text in self._watch.take_reports():
+            if outputs.CONTACT in self.outputs:  # where the surface is worked out
+                fault = Output(outputs.CONTACT, t_ns, "", ScanFault(text, "data"))
+                yield Result(None, (fault,), text)
         yield from self._pipeline_results(self.pipeline, flush)
         needed = self.pipeline.needed_from_ns
         if needed is not None and len(self.frames.track):

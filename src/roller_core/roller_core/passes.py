@@ -223,7 +223,7 @@ class RollTracker:
         self._pass = None
 
 
-def way_gone_on(track: PoseTrack, t_ns: int) -> float:
+def travel_since(track: PoseTrack, t_ns: int) -> float:
     """How far a rolling sensor went on after a time, metres.
 
     Nothing where it was at rest then, as at the end of a scan; and no further than to where it is

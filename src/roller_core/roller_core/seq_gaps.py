@@ -10,12 +10,10 @@ _MOST_LOST = 2**20
 _SHUFFLED = 8
 #: Gaps that are kept with their place; beyond it only their number counts.
 _PLACES = 1000
-#: Places that are told.
-_MOST_TOLD = 5
+#: Places that are described.
+_MOST_SHOWN = 5
 #: More than this share of the event packets may not be missing from a scan that is to be good.
 MOST_MISSING = 0.05
-#: Packets from which on the share is told at once; of fewer at their end.
-_LEAST_PACKETS = 200
 #: Senders of a topic whose numbers are kept.
 _MOST_SENDERS = 100
 
@@ -139,48 +137,10 @@ class SeqGaps:
         if self._last.pop(topic, None) is not None:
             self.restarts += 1
 
-    def told(self, start_ns: int) -> str:
+    def describe(self, start_ns: int) -> str:
         """Where they are missing, for people; seconds count from `start_ns`."""
         shown = [
             f"{gap.packets} before {(gap.t_ns - start_ns) * 1e-9:.3f} s"
-            for gap in self.places[:_MOST_TOLD]
+            for gap in self.places[:_MOST_SHOWN]
         ]
-        return ", ".join(shown) + (", …" if self.gaps > _MOST_TOLD else "")
-
-
-class LossShare:
-    """Tells once a scan when too many of its packets are missing."""
-
-    def __init__(self) -> None:
-        self._begin()
-
-    def _begin(self) -> None:
-        self._came = self._missing = self._last_ns = 0
-        self._told = False
-
-    def see(self, t_ns: int, missing: int) -> tuple[int, str] | None:
-        """Take a packet's arrival, ns, and how many are missing before it.
-
-        Returns
-        -------
-        (int, str) or None
-            When, ns, and how many; None while there is nothing to tell.
-        """
-        self._came += 1
-        self._missing += missing
-        self._last_ns = t_ns if missing else self._last_ns
-        return self._tell() if missing and self._came >= _LEAST_PACKETS else None
-
-    def end(self) -> tuple[int, str] | None:
-        """The scan is over; see `see`."""
-        told = self._tell()
-        self._begin()
-        return told
-
-    def _tell(self) -> tuple[int, str] | None:
-        every = self._came + self._missing
-        if self._told or self._missing <= MOST_MISSING * every:
-            return None
-        self._told = True
-        share = f"{self._missing / every:.0%} of the event packets were lost"
-        return self._last_ns, f"{share}: {self._missing} of {every}"
+        return ", ".join(shown) + (", …" if self.gaps > _MOST_SHOWN else "")

@@ -97,7 +97,7 @@ class RecordingSummary:
         if self.gaps.lost:
             out.append(
                 f"lost       {self.gaps.lost} packets in {self.gaps.gaps} gaps: "
-                f"{self.gaps.told(self.start_ns)}"
+                f"{self.gaps.describe(self.start_ns)}"
             )
         if self.gaps.restarts:
             out.append(

@@ -77,7 +77,7 @@ class Losses:
         if self.before.lost:
             out.append(
                 f"{self.before.lost} event packets in {self.before.gaps} gaps never came "
-                f"(driver or DDS): {self.before.told(start_ns)}"
+                f"(driver or DDS): {self.before.describe(start_ns)}"
             )
         if self.overflows:
             listed = ", ".join(f"{topic} ({n}×)" for topic, n in sorted(self.overflows.items()))
