@@ -227,7 +227,7 @@ def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page
             # What the first server had isn't taken for this one's.
             page.wait_for_selector("#depth", state="hidden")
             page.wait_for_selector("#text", state="hidden")
-        again.begin_anew()
+        again.restart()
         for page in pages:
             page.wait_for_selector("#legend", state="hidden")
 

@@ -144,7 +144,7 @@ def test_a_device_that_is_started_again_is_no_jump():
     times, true, arrival = device.run(20.0, 7, jams=False)
     half = len(times) // 2
     before = device.follow(times[:half], arrival[:half])
-    device.clock.begin_anew()
+    device.clock.restart()
     after = device.follow(times[half:] - times[half], arrival[half:])
     error = np.concatenate([before, after]) - true - device.least_delay_ns
     assert np.abs(error[true - true[half] > 2e9]).max() < 150_000

@@ -16,7 +16,7 @@ from .warp import F64
 
 #: Largest error of the pitches that is looked for, as a share, and the pitches that are tried.
 _TOLERANCE, _SCALES = 0.04, 7
-#: Spots weaker than this, against the strong ones (the third strongest), are dust. Tuned on the
+#: Spots weaker than this, against the strong ones (the third strongest), are outliers. Tuned on the
 #: virtual cell.
 FAINT = 0.25
 _STRONG = 3
@@ -36,13 +36,13 @@ _TURNS = np.linspace(-MOST_TURN, MOST_TURN, 49)
 _ROW_M, _TURN_DOTS, _STRAIGHT = 4e-4, 4, 0.1
 
 
-def no_dust(votes: F64) -> npt.NDArray[np.bool_]:
+def are_strong(votes: F64) -> npt.NDArray[np.bool_]:
     """Which spots are not far weaker than the strong ones among them, shape (n,)."""
-    return np.asarray(votes >= dust(votes))
+    return np.asarray(votes >= least_votes(votes))
 
 
-def dust(votes: F64) -> float:
-    """Events below which spots are dust beside the strong ones of some, shape (n,), n > 0."""
+def least_votes(votes: F64) -> float:
+    """Events below which spots are outliers beside the strong ones of some, shape (n,), n > 0."""
     return FAINT * float(np.sort(votes)[-min(_STRONG, len(votes))])
 
 
@@ -73,7 +73,7 @@ def find_lattice(
     if not len(dots):
         return None
     # Dust is no dot; left in, it could move the rows.
-    dots = dots.where(no_dust(dots.votes))
+    dots = dots.where(are_strong(dots.votes))
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
     scales = np.linspace(1 - _TOLERANCE, 1 + _TOLERANCE, _SCALES)
     width, apart = REACH * spacing.dot_pitch_m, LEAST_LINE_PITCH * spacing.line_pitch_m
@@ -123,7 +123,7 @@ def find_turn(dots: Dots, spacing: Spacing) -> float:
     """
     if len(dots) < _TURN_DOTS:
         return 0.0
-    dots = dots.where(no_dust(dots.votes))
+    dots = dots.where(are_strong(dots.votes))
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
     # Pairs in one row; dots of one cell are too near each other to tell the angle.
     apart, score = 1.5 * spacing.dot_pitch_m, np.zeros(len(_TURNS))

@@ -6,7 +6,7 @@ import numpy as np
 
 from .dots import Dots
 from .lattice import REACH, Lattice
-from .lattice_search import no_dust
+from .lattice_search import are_strong
 from .recognise import LEAST_SHARE, Reference, certainty, completeness
 from .warp import F64
 
@@ -50,14 +50,14 @@ class LineDots:
         self._dots, self._halves = self._dots.where(recent), self._halves[recent]
 
     def before(self, along: float) -> Dots:
-        """Those before a place along the roll that are no dust."""
+        """Those before a place along the roll that are no outliers."""
         dots = self._solid()
         return dots.where(dots.along < along)
 
     def _solid(self) -> Dots:
-        """Those that are no dust."""
+        """Those that are no outliers."""
         dots = self._dots
-        return dots.where(no_dust(dots.votes)) if len(dots) else dots
+        return dots.where(are_strong(dots.votes)) if len(dots) else dots
 
     def above(self, lattice: Lattice, votes: float) -> bool:
         """Whether a dot of so many events lies on cell 0 a row above its upper row."""
@@ -101,7 +101,7 @@ class LineDots:
         if near.sum() < _LEAST_DOTS:
             near = np.isin(np.arange(len(cells)), np.argsort(cells, kind="stable")[:_LEAST_DOTS])
         wholes = halves[near, :2].sum(axis=1)
-        dots = no_dust(wholes)
+        dots = are_strong(wholes)
         at, wholes = np.flatnonzero(near)[dots], wholes[dots]
         if not len(wholes):
             return None

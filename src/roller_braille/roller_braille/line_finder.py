@@ -13,7 +13,7 @@ from .dot_shape import alike
 from .dots import Dots
 from .kinds import Kind
 from .lattice import Lattice
-from .lattice_search import LEAST_LINE_PITCH, find_lattice, find_turn, no_dust
+from .lattice_search import LEAST_LINE_PITCH, are_strong, find_lattice, find_turn
 from .line_begin import REACH_CELLS
 from .lines import LineReader
 from .reader_settings import BrailleSettings, Spacing
@@ -119,9 +119,9 @@ class LineFinder:
         dots = dots.where(dots.along < end)
         if len(dots) < LEAST_DOTS:
             return 0.0, None
-        solid = dots.where(no_dust(dots.votes))
+        solid = dots.where(are_strong(dots.votes))
         if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
-            return 0.0, None  # what the window begins with is dust
+            return 0.0, None  # what the window begins with is an outlier
         if self._strip.printed:
             dots = alike(self._strip, self._settings.spacing, dots)
             if len(dots) < LEAST_DOTS:
@@ -142,7 +142,7 @@ class LineFinder:
     ) -> tuple[float, LineReader | None]:
         """The same at an angle."""
         s = self._settings
-        solid = dots.where(no_dust(dots.votes))
+        solid = dots.where(are_strong(dots.votes))
         left_first = self._direction > 0
         begins_m = start + s.spacing.dot_pitch_m / 2
         fits = [
@@ -182,7 +182,7 @@ class LineFinder:
         Where a line's first dots lie, the others say: laid under these as well, a lattice gives way
         to a spot that is no dot.
         """
-        own = dots.where(line.holds(dots) & no_dust(dots.votes))
+        own = dots.where(line.holds(dots) & are_strong(dots.votes))
         first, rest = own.where(own.along <= begins_m), own.where(own.along > begins_m)
         if not len(first) or len(rest) < _TELLING_DOTS:
             return False

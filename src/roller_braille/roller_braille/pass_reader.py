@@ -11,7 +11,7 @@ from .cell_reader import LOOKAHEAD_CELLS
 from .contrast import MappedBatch, TravelScale
 from .dots import DotFinder, Dots
 from .kinds import Kind
-from .lattice_search import FAINT, LEAST_LINE_PITCH, dust
+from .lattice_search import FAINT, LEAST_LINE_PITCH, least_votes
 from .line_finder import LineFinder
 from .lines import LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
@@ -25,9 +25,9 @@ from .warp import F32, F64, Warp
 _STRONGER = 3.0
 #: Cells of travel, and seconds, after which lines are read on.
 _STEP, _STEP_S = 0.25, 0.012
-#: Share of what two dots ahead have below which a spot is dust in any case. Tuned on the virtual
-#: cell.
-_DUST = 0.02
+#: Share of what two dots ahead have below which a spot is an outlier in any case. Tuned on the
+#: virtual cell.
+_OUTLIER = 0.02
 
 
 def _at(dots: Dots, start: float) -> bool:
@@ -201,7 +201,7 @@ class PassReader:
     def _begin_lines(self, upto: int, final: bool) -> None:
         s = self._settings
         ahead = (LOOKAHEAD_CELLS + 1) * s.spacing.cell_pitch_m
-        # Where lines would have begun by now, what is dust against those read isn't kept.
+        # Where lines would have begun by now, what is an outlier beside those read isn't kept.
         behind = upto * self.strip.px_m - ahead
         for kind, loose in self._loose.items():
             solid = loose.votes >= FAINT * self._typical
@@ -212,7 +212,7 @@ class PassReader:
             if not starts or not (final or min(starts) + ahead <= upto * self.strip.px_m):
                 return
             start = min(starts)
-            if self._give_up_dust(free, start, ahead):
+            if self._give_up_outliers(free, start, ahead):
                 continue
             end = start + ahead
             line = self._line_finder.best(free, start, end)
@@ -231,7 +231,7 @@ class PassReader:
                     continue
                 self.lines.remove(line)
             # Where nothing begins, what is within a dot is given up, but for what is far stronger:
-            # dust may lie beside a line's first dots.
+            # outliers may lie beside a line's first dots.
             strong = _STRONGER * max(float(d.votes[0]) for d in free.values() if _at(d, start))
             for kind, loose in self._loose.items():
                 near = loose.along <= start + s.spacing.dot_pitch_m / 2
@@ -239,7 +239,7 @@ class PassReader:
                 self._line_finder.pass_over(kind, loose.where(gone))
                 self._loose[kind] = loose.where(~gone)
 
-    def _give_up_dust(self, free: dict[Kind, Dots], start: float, ahead_m: float) -> bool:
+    def _give_up_outliers(self, free: dict[Kind, Dots], start: float, ahead_m: float) -> bool:
         """Forget the first dots if they are far weaker than those after them or in lines."""
         near, ahead = (
             np.sort(
@@ -247,9 +247,9 @@ class PassReader:
             )
             for reach in (ahead_m / 2, ahead_m)
         )
-        least = dust(near)
+        least = least_votes(near)
         # Where a line's very first dots come into view, they are fewer than that.
-        least = max(least, _DUST * float(ahead[-min(2, len(ahead))]))
+        least = max(least, _OUTLIER * float(ahead[-min(2, len(ahead))]))
         if any(_at(d, start) and float(d.votes[0]) >= least for d in free.values()):
             return False
         for kind, loose in self._loose.items():
@@ -257,7 +257,7 @@ class PassReader:
         return True
 
     def _free(self, dots: Dots) -> Dots:
-        """Those dots that no open line has, and that are no dust against those of lines."""
+        """Those dots that no open line has, and that are no outliers beside those of lines."""
         dots = dots.where(dots.votes >= FAINT * self._typical)
         for line in self.lines:
             if not line.closed:

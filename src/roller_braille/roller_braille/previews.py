@@ -18,7 +18,7 @@ from .cells import Seen
 from .dots import DotFinder, Dots
 from .kinds import Kind
 from .lattice import Lattice
-from .lattice_search import dust
+from .lattice_search import least_votes
 from .lines import LineReader
 from .reader_settings import BrailleSettings
 from .strip import Strip
@@ -27,8 +27,8 @@ from .strip import Strip
 _AGAIN_S = 0.03
 #: Wait for a line's third cell below which looking would cost as much time as it saves, seconds.
 _WORTH_S = 0.06
-#: Strength of dots, against the median, outside which they may be dust or other relief. Tuned on
-#: the virtual cell.
+#: Strength of dots, against the median, outside which they may be outliers or other relief. Tuned
+#: on the virtual cell.
 _ALIKE = (0.4, 2.5)
 
 #: Finds the line from a place to another that explains dots best, and which of dots no line has.
@@ -91,7 +91,7 @@ class Previewer:
             for kind, before in known.items()
         }
         votes = np.concatenate([part.votes for part in dots.values()])
-        least = dust(votes)
+        least = least_votes(votes)
         dots = {kind: part.where(part.votes >= least) for kind, part in dots.items()}
         out: list[Preview] = []
         while (start := _first(dots)) <= last:

@@ -126,7 +126,7 @@ class SensorClock:
         self._move(device_ns, settled)
         self._residual_ns = delay - self._offset_at(device_ns)
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Forget the map: the device itself was started again, which is no jump of its clock."""
         self._observed, self._given_ns = False, None
 

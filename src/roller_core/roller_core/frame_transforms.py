@@ -49,7 +49,7 @@ class FixedFrames:
     """Fixed transforms between frames, which may be gone along in either direction."""
 
     def __init__(self) -> None:
-        self._ways: dict[str, dict[str, F64]] = {}
+        self._neighbours: dict[str, dict[str, F64]] = {}
 
     def add(
         self, parent: str, child: str, position: npt.ArrayLike, quaternion: npt.ArrayLike
@@ -67,15 +67,15 @@ class FixedFrames:
             # Here, as every pose after it would be refused without a word of the mounting.
             raise PoseValueError(f"fixed transform {parent} -> {child} is not finite; left out")
         matrix = pose_matrix(position, unit_quaternion(quaternion))
-        self._ways.setdefault(parent, {})[child] = matrix
-        self._ways.setdefault(child, {})[parent] = inverse_pose(matrix)
+        self._neighbours.setdefault(parent, {})[child] = matrix
+        self._neighbours.setdefault(child, {})[parent] = inverse_pose(matrix)
 
     def path(self, start: str, goal: str) -> F64 | None:
         """Transform start -> goal, shape (4, 4); None where no path leads there."""
         found = {start: np.eye(4)}
         queue = [start]
         for frame in queue:
-            for child, matrix in self._ways.get(frame, {}).items():
+            for child, matrix in self._neighbours.get(frame, {}).items():
                 if child not in found:
                     found[child] = found[frame] @ matrix
                     queue.append(child)

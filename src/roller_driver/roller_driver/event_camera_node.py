@@ -184,7 +184,7 @@ class EventCameraNode(RollerNode, LifecycleNode):
         if camera.ignored:
             self._diagnostics.fault(f"{camera.name}: {camera.ignored}", diagnostics.WARN)
         # Plugged in again it counts from zero.
-        self._clock_map.begin_anew()
+        self._clock_map.restart()
         return camera
 
     def _on_change(self, state: str, fault: str) -> None:

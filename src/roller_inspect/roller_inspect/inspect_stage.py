@@ -111,7 +111,7 @@ class InspectStage(Stage[InspectParameters]):
         self._reference = load_reference(recipe)
         self._number = self._points = 0
         self._part_points, self._revisits = PartPoints(), Revisits(settings.idle_flush_s)
-        self._verdict, self._told = "", True
+        self._verdict, self._verdict_given = "", True
         self._last_ns = 0
         self._inspector: SurfaceInspector | None = None
         self._begin()
@@ -146,10 +146,10 @@ class InspectStage(Stage[InspectParameters]):
         """
         if self._inspector is not None:
             self._finish()
-        elif self._told:
+        elif self._verdict_given:
             before = f"; before: {self._verdict}" if self._verdict else ""
             raise NoPartError(f"{self._name}: no points yet{before}")
-        self._told = True
+        self._verdict_given = True
         return self._verdict
 
     def take_camera(self, camera: Camera) -> None:
@@ -261,7 +261,7 @@ class InspectStage(Stage[InspectParameters]):
         )  # fmt: skip
         if judgement.verdict == "conform" and (off := off_reference(self.recipe, found)):
             judgement = replace(judgement, verdict="inconclusive", reason=off)
-        self._told = False
+        self._verdict_given = False
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._deviations(found.last) + self._list(judgement, finished=True)
         inspected = Inspected(self._name, found, judgement)

@@ -57,7 +57,7 @@ class RecorderNode(RollerNode):
         self.recorder = Recorder(writer, [events], int(p.queue_mb * 1e6))
         self._camera = OneCamera(events, self._camera_info, self.recorder.losses)
         self._diagnostics = diagnostics.Diagnostics(self, "recording", self._status)
-        self._told = False
+        self._reported = False
         self._tap = PolledSubscriptions(self, chosen, self._take, self._overflow)
         self.create_timer(1.0, self._look_round)
 
@@ -98,8 +98,8 @@ class RecorderNode(RollerNode):
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         recorder = self.recorder
-        if recorder.fault is not None and not self._told:
-            self._told = True
+        if recorder.fault is not None and not self._reported:
+            self._reported = True
             self.get_logger().error(f"{recorder.fault}; recording has ended")
         p = recorder.progress()
         level, message = diagnostics.OK, "recording"

@@ -105,7 +105,7 @@ class Diagnostics:
         self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {part}"
         self._values = values
         self._fault, self._fault_level = "", ERROR
-        self._told: list[float] = []
+        self._reported_s: list[float] = []
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
         node.create_timer(period_s, self.publish, clock=STEADY)
 
@@ -136,9 +136,9 @@ class Diagnostics:
             return
         self._fault, self._fault_level = message, level
         now = time.monotonic()
-        self._told = [at for at in self._told if now - at < 1.0]
-        if len(self._told) < _MOST_FAULTS_A_SECOND:
-            self._told.append(now)
+        self._reported_s = [at for at in self._reported_s if now - at < 1.0]
+        if len(self._reported_s) < _MOST_FAULTS_A_SECOND:
+            self._reported_s.append(now)
             self._node.get_logger().warning(message)
             self._send(level, message, {})
 

@@ -61,7 +61,7 @@ class StageNode(RollerNode):
         self.stage = stage = kind(settings)
         stage.clock_ns = lambda: int(self.get_clock().now().nanoseconds)
         self._empty = 0
-        self._faults = self._unprocessed = self._steps_told = self._left_out_told = 0
+        self._faults = self._unprocessed = self._steps_reported = self._left_out_reported = 0
         self._meter = diagnostics.Meter()
         self._working = threading.Lock()  # the stage: the worker's, or a service's
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
@@ -238,7 +238,7 @@ class StageNode(RollerNode):
             return bytes([level]), matter
         if isinstance(self.stage, EventStage) and self.stage.stream is not None:
             steps = self.stage.stream.clock.steps
-            jumped, self._steps_told = steps > self._steps_told, steps
+            jumped, self._steps_reported = steps > self._steps_reported, steps
             if jumped:
                 return (
                     diagnostics.WARN,
@@ -247,7 +247,7 @@ class StageNode(RollerNode):
         left_out, slow, came_not = 0, "", 0
         if isinstance(self.stage, EventStage):
             (left_out, slow), came_not = self.stage.too_slow(), self.stage.lost_packets
-            before, self._left_out_told = self._left_out_told, left_out
+            before, self._left_out_reported = self._left_out_reported, left_out
             if left_out > before:  # since the last report: it holds no more than that
                 return diagnostics.WARN, slow
         if self.stage.lost or self._worker.backlog.dropped:

@@ -271,7 +271,7 @@ class Graph:
         if self._ended:  # another graph begins
             self._ended, self._stamp_ns, self._map_points = False, 0, 0.0
             self._list = None
-            self._scene.begin_anew()
+            self._scene.restart()
         node = self._scene.nodes.setdefault(status.name, health.Node(status.name))
         node.level, node.message = status.level[0], status.message
         node.seen_s = time.monotonic()

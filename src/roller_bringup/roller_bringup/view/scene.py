@@ -88,7 +88,7 @@ class Scene:
         self.grid.clear()
         self.coverage = self.head = None
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Forget all that a graph said: what it left must not pass for another's."""
         with self.lock:
             self.clear_map()
