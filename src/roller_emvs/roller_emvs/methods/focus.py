@@ -143,9 +143,10 @@ def _points(
 ) -> Relief:
     """Measured pixels, moved by the lines around where they aren't of a texture."""
     spread = field.aperture * abs(field.ray_slope_scale)
-    # Lines tell nothing of a texture that neighbourhoods don't.
-    with_lines = not textured and spread**2 / 12 >= LEAST_VARIANCE
-    look = textured and ends is not None and not ends.known and not seen.turned
+    wide = spread**2 / 12 >= LEAST_VARIANCE  # else no line is one
+    # Lines tell nothing of a texture that neighbourhoods don't, but where the patch ends.
+    with_lines = wide and not textured
+    look = wide and textured and ends is not None and not ends.known and not seen.turned
     with watch("points"):
         found = measured_pixels(
             field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines or look,
