@@ -59,6 +59,7 @@ def test_a_quick_run_writes_its_files(bench: Result) -> None:
     result = json.loads((folder / "bench.json").read_text(), parse_constant=pytest.fail)
     labels = [c["label"] for c in result["cases"]]
     assert {"focus", "surface", "bma", "bma, 500 planes"} < set(labels)
+    assert {"focus, printed", "surface, printed"} < set(labels)
     for case in result["cases"]:
         assert case["time"]["windows"] > 0
         for time in ("ms", "ms_per_mev", "cpu_ms"):
@@ -74,6 +75,7 @@ def test_a_quick_run_writes_its_files(bench: Result) -> None:
     assert set(result["pareto"]) == {"ms", "ms_per_mev"}
     for front in result["pareto"].values():
         assert front
+        assert not any(name.endswith(", printed") for name in front)
         assert set(front) <= set(labels)
     assert not any(name.startswith("surface") for name in result["pareto"]["ms"])
     events = [(r["method"], r["events"]) for r in result["growth"] if r["quantity"] == "events"]

@@ -75,7 +75,7 @@ def measure(
         If an object is no good.
     """
     o = options
-    scans = ScanStore(scans_folder, hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
+    scans = ScanStore(scans_folder, hold=len(o.objects) * (len(o.speeds) + 2), threads=0)
     part = partial(part_of, on_progress)
     run_timed(depth_cases(o), scans, o.repeats, o.case_budget_s, part(0.0, 0.7), into.depth)
     scaling = scaling_cases(o.scan(o.dense[0], o.fixed_speed), o)
@@ -97,6 +97,7 @@ def write_bench(options: BenchOptions, measured: Measured, output: Path) -> dict
     cases = summarise(measured.depth)
     # A mean over other objects is of another scale.
     whole = [c for c in cases if len(c["objects"]) == len(options.objects)]
+    whole = [c for c in whole if c["factor"] != "coating"]
     result: dict[str, Any] = {
         "version": 3,
         "complete": measured.complete,

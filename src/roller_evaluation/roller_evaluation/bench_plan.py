@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from roller_sim.objects import OBJECTS
+from roller_sim.presets import COATINGS
 
 from .cases import Case, ScanCase
 
@@ -67,9 +68,9 @@ class BenchOptions:
         found = [name for name in DENSE_OBJECTS if name in self.objects]
         return found or [self.objects[0]]
 
-    def scan(self, name: str, speed: float) -> ScanCase:
-        """A scan of one object."""
-        return ScanCase(name, speed, cell=self.cell)
+    def scan(self, name: str, speed: float, coating: str = "plain") -> ScanCase:
+        """A scan of one object, under one of `COATINGS`."""
+        return ScanCase(name, speed, cell=self.cell).changed(**COATINGS[coating])
 
 
 #: Values of a factor: name and the settings that it changes.
@@ -114,6 +115,9 @@ FACTORS: dict[str, dict[str, Values]] = {
 }
 #: Factors of which a quick run takes the first value.
 _QUICK_FACTORS = ("planes", "window")
+#: Methods that are measured on a printed coating too: by other ways than on a plain one, on many
+#: times the events.
+_ON_PRINT = ("focus", "surface")
 _THREADS = 2
 
 
@@ -139,6 +143,11 @@ def depth_cases(options: BenchOptions) -> list[Case]:
             if not o.quick or factor in _QUICK_FACTORS:
                 for value, changes in values[:1] if o.quick else values:
                     add(method, factor, value, o.speeds[0], changes)
+    for method in (m for m in o.methods if m in _ON_PRINT):
+        labels = {"label": f"{method}, printed", "factor": "coating", "value": "printed"}
+        for name in o.objects:
+            scan = o.scan(name, o.speeds[0], "textured")
+            cases.append(Case(scan, "pass", method, {"threads": _THREADS}, labels))
     return cases
 
 

@@ -59,6 +59,7 @@ def speed_vs_error(result: dict[str, Any]) -> tuple[Figure, Axes, Axes]:
         c
         for c in result["cases"]
         if c["speed"] == speed and c["time"]["ms"] and c["error"]["near_edge_mae_um"]
+        if c["factor"] != "coating"
     ]
     windows = [c for c in cases if c["method"] != "surface"]
     for axis, shown, time in ((left, windows, "ms"), (right, cases, "ms_per_mev")):

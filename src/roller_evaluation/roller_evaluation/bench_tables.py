@@ -51,13 +51,14 @@ def _cases(result: dict[str, Any]) -> Table:
         "★ is on the Pareto front of time for a million events and error near edges, ☆ on that of "
         "time a window. Times are means over the objects of each one's median window, errors means "
         "over the objects; spread is that of the repeats. A window of surface is a block along the "
-        "roll: compare it by ms/Mev. bma fuses three views, left_right two, the others none."
+        "roll: compare it by ms/Mev. bma fuses three views, left_right two, the others none. "
+        "Printed: the printed coating, a whole pass."
     )
     return Table("Cases", head, rows, note)
 
 
 def _stages(result: dict[str, Any]) -> Table:
-    cases = [c for c in result["cases"] if c["factor"] in ("base", "speed")]
+    cases = [c for c in result["cases"] if c["factor"] in ("base", "speed", "coating")]
     names = [stage for stage in STAGES if any(stage in c["stages"] for c in cases)]
     rows = [
         (

@@ -41,6 +41,8 @@ STAGES = (
     "hot pixels", "packets", "rays", "arrange", "votes", "detection", "fusion", "points", "lines",
     "other",
 )  # fmt: skip
+#: Measures whose rows hold times.
+TIMED = ("depth", "pass")
 #: Columns of processor time by stage, ns an event.
 STAGE_COLUMNS = {stage: f"cpu_ns_{stage.replace(' ', '_')}" for stage in STAGES}
 #: Columns of `measure_depth` that differ from run to run.
@@ -58,11 +60,19 @@ _TOP_CELL_M = 1e-4
 
 def measure_depth(case: Case, scan: Scan) -> list[Row]:
     """Errors and times of a method's depth maps, or rows, while an object crosses the image."""
+    return _measure(case, scan, events_for(case.depth, scan))
+
+
+def measure_pass(case: Case, scan: Scan) -> list[Row]:
+    """As `measure_depth`, over all of a pass: what windows learn of the patch counts."""
+    return _measure(case, scan, scan.even)
+
+
+def _measure(case: Case, scan: Scan, events: EventArray) -> list[Row]:
     settings = case.depth
     surface = isinstance(settings, SurfaceSettings)
     if not surface:  # each window by itself
         settings = settings.changed({"window.overlap": 0.0})
-    events = events_for(settings, scan)
     tally: Any = SurfaceTally(scan.truth) if surface else TruthTally(scan.truth)
     spent: list[float] = []
     whole_ms = whole_cpu_ms = 0.0
@@ -175,8 +185,9 @@ def pictured(case: Case, scan: Scan) -> dict[str, npt.NDArray[np.generic]]:
 
 def warm_up(case: Case, scan: Scan) -> None:
     """Compile what a case needs: by all of it, as blocks with few events go other ways."""
-    if case.measure == "depth":
-        for _ in results_of(case.depth, scan, events_for(case.depth, scan)):
+    if case.measure in TIMED:
+        events = scan.even if case.measure == "pass" else events_for(case.depth, scan)
+        for _ in results_of(case.depth, scan, events):
             pass
 
 
@@ -230,6 +241,7 @@ def _plate(scan: Scan) -> Region:
 #: Measures by the name that a case gives them: a scan in, rows out.
 MEASURES: dict[str, Callable[[Case, Scan], list[Row]]] = {
     "depth": measure_depth,
+    "pass": measure_pass,
     "plate": measure_plate,
     "coverage": measure_coverage,
     "map": measure_map,

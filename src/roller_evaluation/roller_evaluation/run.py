@@ -14,7 +14,7 @@ from roller_core.library_threads import one_thread_a_library
 from roller_core.progress import OnProgress, no_progress
 
 from .cases import Case
-from .measures import MEASURES, TIMES, warm_up
+from .measures import MEASURES, TIMED, TIMES, warm_up
 from .rows import Row
 from .scans import ScanStore
 
@@ -82,7 +82,7 @@ def _measure_scan(kept: Any, source: str, cases: Sequence[Case], threads: int) -
 
 def _rows(_key: str, _source: str, case: Case, scans: ScanStore | None) -> list[Row]:
     found = MEASURES[case.measure](case, (scans or ScanStore()).get(case.scan))
-    drop = TIMES if case.measure == "depth" else ()
+    drop = TIMES if case.measure in TIMED else ()
     return [{k: v for k, v in row.items() if k not in drop} for row in found]
 
 
