@@ -11,8 +11,9 @@ from recording.bags import CAMERA_INFO, EVENT_PACKET, TF_MESSAGE, write_messages
 from roller_calibration.dot_grid import DotGrid
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.frame_names import BASE_FRAME, TOOL_FRAME
 from roller_core.transforms import F64, inverse_pose, pose_matrix
-from roller_sim.bag import BASE, TOOL, BagMessages
+from roller_sim.bag import BagMessages
 from roller_sim.cell import Packet
 
 START_NS = 1_700_000_000_000_000_000
@@ -97,7 +98,9 @@ def write_grid_bag(
             for t in range(
                 begin - 60_000_000, begin + int(VIEW_S * 1e9) + 300_000_000, 300_000_000
             ):
-                message = make.transform(START_NS + t, BASE, TOOL, tool[:3, 3], quaternion)
+                message = make.transform(
+                    START_NS + t, BASE_FRAME, TOOL_FRAME, tool[:3, 3], quaternion
+                )
                 items.append((START_NS + t, "/tf", TF_MESSAGE, message))
     items.sort(key=lambda item: item[0])
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)

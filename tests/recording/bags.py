@@ -13,13 +13,13 @@ from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.frame_names import BASE_FRAME, CAMERA_FRAME, TOOL_FRAME
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, matrix_to_quaternion, pose_matrix
 from roller_recording.raw_message import RawMessage
 from roller_recording.reading import open_recording
 from roller_ros import topics
-from roller_sim.bag import BASE, TOOL, BagMessages
-from roller_sim.bag import CAMERA as SENSOR
+from roller_sim.bag import BagMessages
 from roller_sim.cell import Packet
 
 #: Type and offered quality of service of our topics.
@@ -77,7 +77,9 @@ def bag_messages(recipe: Recipe) -> Iterator[tuple[int, str, str, bytes]]:
         info = make.camera_info(START_NS)
         items.append((START_NS - 3, "/event_camera/camera_info", CAMERA_INFO, info))
     if recipe.tf_static:
-        fixed = make.transform(START_NS, TOOL, SENSOR, HAND_EYE_POSITION, HAND_EYE_ROTATION)
+        fixed = make.transform(
+            START_NS, TOOL_FRAME, CAMERA_FRAME, HAND_EYE_POSITION, HAND_EYE_ROTATION
+        )
         items.append((START_NS - 2, "/tf_static", TF_MESSAGE, fixed))
     if recipe.tf:
         items += _poses(make)
@@ -89,7 +91,7 @@ def bag_messages(recipe: Recipe) -> Iterator[tuple[int, str, str, bytes]]:
         )
         for t_ns in range(START_NS, START_NS + int(DURATION_S * 1e9), 8_000_000):
             wrench = make.make("geometry_msgs/msg/Wrench", force=force, torque=none)
-            stamped = make.make(WRENCH, header=make.header(t_ns, BASE), wrench=wrench)
+            stamped = make.make(WRENCH, header=make.header(t_ns, BASE_FRAME), wrench=wrench)
             items.append((t_ns, "/roller/robot/wrench", WRENCH, stamped))
     items.sort(key=lambda item: item[0])
     counts: dict[str, int] = {}
@@ -183,7 +185,7 @@ def _poses(make: BagMessages) -> list[tuple[int, str, str, Any]]:
     times = camera_track().times_ns
     out = []
     for t, m in zip(times.tolist(), camera_track().matrices(times) @ tool_from_camera, strict=True):
-        pose = make.transform(t, BASE, TOOL, m[:3, 3], matrix_to_quaternion(m[:3, :3]))
+        pose = make.transform(t, BASE_FRAME, TOOL_FRAME, m[:3, 3], matrix_to_quaternion(m[:3, :3]))
         out.append((t + 1_500_000, "/tf", TF_MESSAGE, pose))
     return out
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
+from roller_core.frame_names import BASE_FRAME, TOOL_FRAME
 from roller_core.sensor_pose import SensorFrames
 from roller_core.transforms import F64
 from roller_recording.reading import open_recording
@@ -31,8 +32,8 @@ def pairs_of_poses(
     grid: DotGrid,
     camera_file: Path | None = None,
     topic: str | None = None,
-    base_frame: str = "base",
-    moving_frame: str = "tool0_controller",
+    base_frame: str = BASE_FRAME,
+    moving_frame: str = TOOL_FRAME,
     on_fault: Callable[[RollerError], None] = lambda fault: None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Camera, list[tuple[F64, F64]]]:

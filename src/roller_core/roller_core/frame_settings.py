@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
+from .frame_names import BASE_FRAME, CAMERA_FRAME, TOOL_FRAME
 from .settings import Settings
 from .timing_settings import PoseGapSettings, WaitingSettings
 
@@ -16,21 +17,19 @@ DEFAULT_SMOOTHING = 8
 class FrameSettings(Settings):
     """Frames from the robot's base to the camera."""
 
-    base_frame: str = Field("base", description="Frame that surfaces are given in.")
+    base_frame: str = Field(BASE_FRAME, description="Frame that surfaces are given in.")
     moving_frame: str = Field(
-        "tool0_controller", description="Frame that the robot moves in base (on /tf)."
+        TOOL_FRAME, description="Frame that the robot moves in base (on /tf)."
     )
-    sensor_frame: str = Field(
-        "event_camera_optical_frame", description="The camera: x right, y down, z forward."
-    )
+    sensor_frame: str = Field(CAMERA_FRAME, description="The camera: x right, y down, z forward.")
 
 
 class RobotFrames(FrameSettings):
     """Frames of a node that publishes the robot's poses."""
 
-    base_frame: str = Field("base", description="The robot's base, in the controller's axes.")
+    base_frame: str = Field(BASE_FRAME, description="The robot's base, in the controller's axes.")
     moving_frame: str = Field(
-        "tool0_controller", description="The tool (TCP) as the controller reports it."
+        TOOL_FRAME, description="The tool (TCP) as the controller reports it."
     )
     tf_prefix: str = Field(
         "",

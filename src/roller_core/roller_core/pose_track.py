@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import RollerError
+from .timing_settings import DEFAULT_MAX_POSE_GAP_S
 from .transforms import F64, pose_matrix, slerp
 
 I64 = npt.NDArray[np.int64]
@@ -77,7 +78,7 @@ class PoseTrack:
         Two neighbouring poses further apart than this leave a gap, in which no pose is given.
     """
 
-    def __init__(self, max_gap_s: float = 0.1) -> None:
+    def __init__(self, max_gap_s: float = DEFAULT_MAX_POSE_GAP_S) -> None:
         self.max_gap_s = max_gap_s
         self._n = 0
         self._t = np.empty(64, np.int64)

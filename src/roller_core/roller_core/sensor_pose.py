@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .frame_names import BASE_FRAME, CAMERA_FRAME, TOOL_FRAME
 from .frame_settings import DEFAULT_SMOOTHING
 from .frame_transforms import FixedFrames, Transform
 from .passes import REST_M
 from .pose_smoothing import StampSmoother
 from .pose_track import PoseJumpError, PoseOrderError, PoseTrack, unit_pose
+from .timing_settings import DEFAULT_MAX_POSE_GAP_S
 from .transforms import F64, matrix_to_quaternion
 
 #: No arm moves its tool faster; what does comes from somewhere else.
@@ -58,10 +60,10 @@ class SensorFrames:
 
     def __init__(
         self,
-        base: str = "base",
-        moving: str = "tool0_controller",
-        sensor: str = "event_camera_optical_frame",
-        max_gap_s: float = 0.1,
+        base: str = BASE_FRAME,
+        moving: str = TOOL_FRAME,
+        sensor: str = CAMERA_FRAME,
+        max_gap_s: float = DEFAULT_MAX_POSE_GAP_S,
         smoothing: int = DEFAULT_SMOOTHING,
     ) -> None:
         self.base = base

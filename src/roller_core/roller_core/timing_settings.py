@@ -6,12 +6,18 @@ from pydantic import Field
 
 from .settings import Settings
 
+#: Poses that lie further apart leave a gap, unless a user says otherwise, s.
+DEFAULT_MAX_POSE_GAP_S = 0.1
+
 
 class PoseGapSettings(Settings):
     """How far apart poses may lie."""
 
     max_pose_gap_s: float = Field(
-        0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
+        DEFAULT_MAX_POSE_GAP_S,
+        ge=0.001,
+        le=10.0,
+        description="Longest time between two poses to interpolate over, s.",
     )
 
 

@@ -15,13 +15,13 @@ from roller_core.bags import EVENT_PACKET, bag_qos, typestore
 from roller_core.camera import Camera
 from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
+from roller_core.frame_names import BASE_FRAME, CAMERA_FRAME, TOOL_FRAME
 from roller_core.output_folder import release_reserve
 from roller_core.transforms import matrix_to_quaternion
 
 from .cell import Packet, Picture, PoseSample, VirtualCell
 from .truth_files import save_truth
 
-BASE, TOOL, CAMERA = "base", "tool0_controller", "event_camera_optical_frame"
 #: Topic: type and offered quality of service.
 TOPICS: dict[str, tuple[str, list[Qos]]] = {
     "/event_camera/events": (EVENT_PACKET, bag_qos(1000, reliable=False)),
@@ -87,7 +87,7 @@ class BagMessages:
         )  # fmt: skip
         return self.make(
             "sensor_msgs/msg/CameraInfo",
-            header=self.header(stamp_ns, CAMERA),
+            header=self.header(stamp_ns, CAMERA_FRAME),
             height=camera.height,
             width=camera.width,
             distortion_model=camera.model,
@@ -104,7 +104,7 @@ class BagMessages:
         """One event packet."""
         return self.make(
             kind,
-            header=self.header(packet.stamp_ns, CAMERA),
+            header=self.header(packet.stamp_ns, CAMERA_FRAME),
             height=self._camera.height,
             width=self._camera.width,
             seq=packet.seq,
@@ -119,7 +119,7 @@ class BagMessages:
         height, width = picture.image.shape
         return self.make(
             "sensor_msgs/msg/Image",
-            header=self.header(picture.stamp_ns, CAMERA),
+            header=self.header(picture.stamp_ns, CAMERA_FRAME),
             height=height,
             width=width,
             encoding="mono8",
@@ -163,7 +163,7 @@ def write_bag(
         start = cell.truth.start_ros_ns
         put("/event_camera/camera_info", start, messages.camera_info(start))
         rotation = matrix_to_quaternion(cell.hand_eye[:3, :3])
-        fixed = messages.transform(start, TOOL, CAMERA, cell.hand_eye[:3, 3], rotation)
+        fixed = messages.transform(start, TOOL_FRAME, CAMERA_FRAME, cell.hand_eye[:3, 3], rotation)
         put("/tf_static", start, fixed)
         save_truth(cell.truth, path)
         encoding = cell.settings.packets.encoding
@@ -172,7 +172,9 @@ def write_bag(
             if isinstance(item, Packet):
                 put("/event_camera/events", item.arrival_ns, messages.packet(item, encoding))
             elif isinstance(item, PoseSample):
-                tf = messages.transform(item.stamp_ns, BASE, TOOL, item.position, item.quaternion)
+                tf = messages.transform(
+                    item.stamp_ns, BASE_FRAME, TOOL_FRAME, item.position, item.quaternion
+                )
                 put("/tf", item.arrival_ns, tf)
             else:
                 put("/event_camera/image_raw", item.arrival_ns, messages.image(item))

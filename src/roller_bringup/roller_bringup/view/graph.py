@@ -25,6 +25,7 @@ from tf2_msgs.msg import TFMessage
 
 from roller_bringup.dds_profile import listen_only
 from roller_core import outputs
+from roller_core.frame_names import BASE_FRAME, TOOL_FRAME
 from roller_core.last_resort import ends_within
 from roller_core.serialized_cloud import SerializedCloud
 from roller_ros import qos
@@ -79,7 +80,7 @@ class Graph:
             enable_rosout=False,
         )
         self._map_points = 0.0
-        self._tool = "tool0_controller"
+        self._tool = TOOL_FRAME
         self._pose: tuple[int, Any] | None = None
         self._pose_seen_s = self._lag_seen_s = 0.0
         self._stamp_ns = 0
@@ -167,7 +168,7 @@ class Graph:
                 clouds.clear()
             self._stamp_ns = cloud.stamp_ns
             # Two cells share /tf: the robot is the one whose base the points are in.
-            self._tool = cloud.frame_id.removesuffix("base") + "tool0_controller"
+            self._tool = cloud.frame_id.removesuffix(BASE_FRAME) + TOOL_FRAME
             clouds.append(cloud)
         if clouds:
             self._add(clouds)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from roller_core.calibration_file import CalibrationError, calibration_record
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
+from roller_core.frame_names import BASE_FRAME, TOOL_FRAME
 from roller_core.marked_file import SEAL, write_marked_file
 from roller_core.progress import progress_bar
 from roller_core.text_file import TextFileError, read_text
@@ -81,7 +82,6 @@ def _from_grid(args: argparse.Namespace) -> tuple[Camera, list[F64], list[F64]]:
     from roller_core.parameter_files import read_parameters
 
     frames = read_parameters(args.params, "emvs")
-    names = {k: str(frames[k]) for k in ("base_frame", "moving_frame") if k in frames}
     path = args.grid_recording
 
     def on_fault(fault: RollerError) -> None:
@@ -89,8 +89,9 @@ def _from_grid(args: argparse.Namespace) -> tuple[Camera, list[F64], list[F64]]:
 
     with progress_bar(f"look for the grid in {path.name}") as progress:
         camera, pairs = pairs_of_poses(
-            path, grid_of(args), args.camera, args.topic, **names,
-            on_fault=on_fault, on_progress=progress,
+            path, grid_of(args), args.camera, args.topic,
+            str(frames.get("base_frame", BASE_FRAME)), str(frames.get("moving_frame", TOOL_FRAME)),
+            on_fault, progress,
         )  # fmt: skip
     if args.pairs_output:
         rows = [f"{_numbers(tool)} {_numbers(target)}" for tool, target in pairs]

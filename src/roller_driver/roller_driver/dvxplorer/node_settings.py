@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 
 from roller_core.codecs import ENCODED_ENCODINGS
+from roller_core.frame_names import CAMERA_FRAME
 
 from .camera_settings import SensorSettings
 
@@ -13,9 +14,7 @@ class EventCameraParameters(SensorSettings):
     """The sensor's settings and how its events are published."""
 
     serial: str = Field("", description="Serial number of the camera; empty: the first one found.")
-    camera_frame_id: str = Field(
-        "event_camera_optical_frame", description="Frame of all messages' headers."
-    )
+    camera_frame_id: str = Field(CAMERA_FRAME, description="Frame of all messages' headers.")
     camerainfo_url: str = Field(
         "",
         description="Calibration, ROS camera_info YAML: a path or a file:// URL; empty: none, and "

@@ -15,7 +15,7 @@ from roller_core.watched_thread import OnFailure, WatchedThread
 
 from .errors import MissingLibraryError, ProtocolRefusedError, RobotFault, RobotLostError
 from .receiver_status import RECEIVING, SEARCHING, STOPPED, ReceiverStatus
-from .rtde import Controller, ask_controller
+from .rtde import ANSWER_TIMEOUT_S, Controller, ask_controller
 from .tool_check import ToolCheck
 
 T = TypeVar("T")
@@ -109,7 +109,7 @@ class RobotReceiver:
         on_change: Callable[[str, str], None] | None = None,
         on_failure: OnFailure | None = None,
         clock_ns: Callable[[], int] = time.time_ns,
-        connect_timeout_s: float = 2.0,
+        connect_timeout_s: float = ANSWER_TIMEOUT_S,
         retry_s: float = 1.0,
         silence_s: float = 0.5,
         tcp_offset: Sequence[float] = (),

@@ -22,6 +22,8 @@ SETUP_OUTPUTS = 79
 START = 83
 DATA = 85
 TEXT_MESSAGE = 77
+#: Longest wait for an answer of the controller, s.
+ANSWER_TIMEOUT_S = 2.0
 _HEADER = struct.Struct(">HB")
 
 
@@ -81,7 +83,7 @@ def _exactly(connection: socket.socket, length: int) -> bytes:
 def ask_controller(
     host: str,
     variables: Sequence[str],
-    timeout_s: float = 2.0,
+    timeout_s: float = ANSWER_TIMEOUT_S,
     port: int = PORT,
     spare: Sequence[str] = (),
 ) -> Controller:
@@ -140,7 +142,7 @@ def ask_controller(
         ) from error
 
 
-def read_tcp_offset(host: str, timeout_s: float = 2.0) -> tuple[float, ...] | None:
+def read_tcp_offset(host: str, timeout_s: float = ANSWER_TIMEOUT_S) -> tuple[float, ...] | None:
     """The tool centre point on the flange: x y z in metres, rotation vector in rad.
 
     Returns
@@ -156,7 +158,7 @@ def read_tcp_offset(host: str, timeout_s: float = 2.0) -> tuple[float, ...] | No
     return next(tcp_offsets(host, timeout_s), None)
 
 
-def tcp_offsets(host: str, timeout_s: float = 2.0) -> Iterator[tuple[float, ...]]:
+def tcp_offsets(host: str, timeout_s: float = ANSWER_TIMEOUT_S) -> Iterator[tuple[float, ...]]:
     """The tool centre point ten times a second, see `read_tcp_offset`.
 
     None come where the controller doesn't tell it.

@@ -16,6 +16,7 @@ from roller_core.frame_transforms import transforms_of
 from roller_core.outputs import force_topic, stamp_ns
 from roller_core.sensor_pose import SensorFrames
 from roller_core.time_order import TimeBackwardsError
+from roller_core.timing_settings import DEFAULT_MAX_POSE_GAP_S
 
 from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
@@ -58,7 +59,7 @@ class BagRecording(Recording):
         path: Path,
         poses: Path | None = None,
         camera: Camera | None = None,
-        max_gap_s: float = 0.1,
+        max_gap_s: float = DEFAULT_MAX_POSE_GAP_S,
         topic: str | None = None,
     ) -> None:
         self._path = path

@@ -13,6 +13,7 @@ from roller_core.camera import Camera, CameraError
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
 from roller_core.text_file import TextFileError, read_text
+from roller_core.timing_settings import DEFAULT_MAX_POSE_GAP_S
 
 from .base import MalformedRecordingError, Recording, RecordingError, Step, TruncatedRecordingError
 
@@ -175,7 +176,7 @@ class DatasetRecording(Recording):
         folder: Path,
         poses: Path | None = None,
         camera: Camera | None = None,
-        max_gap_s: float = 0.1,
+        max_gap_s: float = DEFAULT_MAX_POSE_GAP_S,
     ) -> None:
         self.source = str(folder)
         self._text = EventsText(folder)

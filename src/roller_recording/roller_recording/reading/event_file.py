@@ -13,6 +13,7 @@ from roller_core.camera import Camera
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
 from roller_core.time_order import TimeBackwardsError, TimeOrder
+from roller_core.timing_settings import DEFAULT_MAX_POSE_GAP_S
 
 from .base import Recording, RecordingError, Step, TruncatedRecordingError
 
@@ -58,7 +59,7 @@ class EventFileRecording(Recording):
         path: Path,
         poses: Path | None = None,
         camera: Camera | None = None,
-        max_gap_s: float = 0.1,
+        max_gap_s: float = DEFAULT_MAX_POSE_GAP_S,
         stream: str | None = None,
     ) -> None:
         self._path = path

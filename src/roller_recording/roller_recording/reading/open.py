@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from roller_core.camera import Camera
+from roller_core.timing_settings import DEFAULT_MAX_POSE_GAP_S
 
 from .base import Recording, check_path, is_dataset
 from .event_file import EventFileRecording, reader_of
@@ -14,7 +15,7 @@ def open_recording(
     path: Path,
     poses: Path | None = None,
     camera_file: Path | None = None,
-    max_gap_s: float = 0.1,
+    max_gap_s: float = DEFAULT_MAX_POSE_GAP_S,
     topic: str | None = None,
 ) -> Recording:
     """Open a bag, a file of events, or a folder of the public event-camera dataset.

@@ -10,6 +10,7 @@ import numpy as np
 
 from roller_core.pose_track import NoPosesError, PoseError, PoseTrack, PoseValueError
 from roller_core.text_file import MOST_NUMBERS_BYTES, TextFileError, read_text
+from roller_core.timing_settings import DEFAULT_MAX_POSE_GAP_S
 
 #: Times are nanoseconds in 63 bits; poses that usually move faster than this are in millimetres,
 #: m/s.
@@ -17,7 +18,9 @@ _MOST_NS, _FASTEST_M_S = 2**62, 50.0
 
 
 def read_tum(
-    path: Path | str, max_gap_s: float = 0.1, faults: list[PoseError] | None = None
+    path: Path | str,
+    max_gap_s: float = DEFAULT_MAX_POSE_GAP_S,
+    faults: list[PoseError] | None = None,
 ) -> PoseTrack:
     """Read lines `t x y z qx qy qz qw` (seconds, metres); `#` starts a comment.
 
