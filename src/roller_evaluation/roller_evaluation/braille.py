@@ -99,7 +99,7 @@ class BrailleOptions:
 
 
 def run_braille(
-    options: BrailleOptions, output: Path, on_progress: OnProgress = no_progress, jobs: int = 1
+    options: BrailleOptions, output: Path, *, jobs: int = 1, on_progress: OnProgress = no_progress
 ) -> dict[str, Any]:
     """Simulate plates, read them, and write `braille.json` and `braille.png`.
 
@@ -107,7 +107,7 @@ def run_braille(
     """
     from .braille_report import draw
 
-    rows = run(braille_cases(options), output / "passes", jobs, on_progress)
+    rows = run(braille_cases(options), output / "passes", jobs=jobs, on_progress=on_progress)
     result = {
         "version": 2,
         "options": asdict(options),

@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from roller_core.progress import OnProgress, no_progress
+from roller_core.progress import OnProgress
 from roller_sim.cell_settings import LightSettings, SensorSettings
 from roller_sim.presets import COATINGS
 
@@ -90,14 +90,14 @@ def coating_cases(options: CoatingOptions) -> list[Case]:
 
 
 def run_coating(
-    options: CoatingOptions, output: Path, on_progress: OnProgress = no_progress, jobs: int = 1
+    options: CoatingOptions, output: Path, *, jobs: int, on_progress: OnProgress
 ) -> dict[str, Any]:
     """Measure coatings, and write `coating.json`, `rows.csv` and `coating.png`.
 
     Parameters, errors and what is kept are those of `run.run`; the result is `coating.json`:
     `rows`, and the skin to print as `recommended`.
     """
-    rows = run(coating_cases(options), output / "passes", jobs, on_progress)
+    rows = run(coating_cases(options), output / "passes", jobs=jobs, on_progress=on_progress)
     result = {
         "facts": {**provenance(), "of": CAVEAT},
         "options": asdict(options),

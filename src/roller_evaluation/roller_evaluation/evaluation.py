@@ -39,7 +39,11 @@ _COLOURS = ("jet", "cividis")
 
 
 def run_evaluation(
-    options: EvaluationOptions, output: Path, jobs: int = 1, on_progress: OnProgress = no_progress
+    options: EvaluationOptions,
+    output: Path,
+    *,
+    jobs: int = 1,
+    on_progress: OnProgress = no_progress,
 ) -> dict[str, Any]:
     """Run experiments, and write `index.html`, `evaluation.json` and `rows.csv`.
 
@@ -69,7 +73,7 @@ def run_evaluation(
     """
     part = partial(part_of, on_progress)
     o, only = options, options.only
-    rows = run(experiment_cases(o), output / "passes", jobs, part(0.0, 1 - _AFTER))
+    rows = run(experiment_cases(o), output / "passes", jobs=jobs, on_progress=part(0.0, 1 - _AFTER))
     found = tables(rows, o)
     result: dict[str, Any] = {"facts": _facts(o), "options": asdict(o), "rows": rows}
     shown: dict[str, list[Table]] = {name: [table] for name, table in found.items()}
@@ -93,7 +97,9 @@ def run_evaluation(
         braille = kind(seed=o.seed)
         if o.conditions:
             braille = replace(braille, conditions=o.conditions)
-        result["braille"] = run_braille(braille, output, part(1 - 0.5 * _AFTER, 1.0), jobs)
+        result["braille"] = run_braille(
+            braille, output, jobs=jobs, on_progress=part(1 - 0.5 * _AFTER, 1.0)
+        )
         shown["braille"] = braille_tables(result["braille"])
         figures["braille"] = [("Braille by speed", (output / "braille.png").read_bytes())]
     sections = [

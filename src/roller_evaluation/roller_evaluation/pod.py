@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from roller_core.progress import OnProgress, no_progress
+from roller_core.progress import OnProgress
 from roller_inspect.findings import KINDS
 from roller_sim.presets import COATINGS
 
@@ -86,14 +86,14 @@ def pod_cases(options: PodOptions) -> list[Case]:
 
 
 def run_pod(
-    options: PodOptions, output: Path, on_progress: OnProgress = no_progress, jobs: int = 1
+    options: PodOptions, output: Path, *, jobs: int, on_progress: OnProgress
 ) -> dict[str, Any]:
     """Inspect plates, and write `pod.json`, `rows.csv` and `pod.png`.
 
     Parameters, errors and what is kept are those of `run.run`; the result is `pod.json`: `rows` of
     defects and plates, and what `summarise` makes of them.
     """
-    rows = run(pod_cases(options), output / "passes", jobs, on_progress)
+    rows = run(pod_cases(options), output / "passes", jobs=jobs, on_progress=on_progress)
     result: dict[str, Any] = {
         "facts": {**provenance(), "of": CAVEAT, "seeds": _seeds(options)},
         "options": asdict(options),

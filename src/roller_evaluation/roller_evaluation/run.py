@@ -26,7 +26,7 @@ _PACKAGES = (
 
 
 def run(
-    cases: Sequence[Case], folder: Path, jobs: int = 1, on_progress: OnProgress = no_progress
+    cases: Sequence[Case], folder: Path, *, jobs: int = 1, on_progress: OnProgress = no_progress
 ) -> list[Row]:
     """Measure cases, or take what an earlier run left of the same.
 

@@ -97,7 +97,7 @@ def _run_all(args: argparse.Namespace) -> int:
         OutputFolder(args.output, "evaluate", lasting=["passes"], always=["rows.csv"]) as output,
         shown_progress("evaluate") as on_progress,
     ):
-        result = run_evaluation(options, output.partial, args.jobs, on_progress)
+        result = run_evaluation(options, output.partial, jobs=args.jobs, on_progress=on_progress)
     names = [args.output / name for name in ("index.html", "evaluation.json", "rows.csv")]
     if args.results is not None:
         write_results(result, options, words, args.results)
@@ -171,7 +171,7 @@ def _measured(
         OutputFolder(args.output, name, lasting=["passes"], always=["rows.csv"]) as output,
         shown_progress("evaluate") as on_progress,
     ):
-        result = measure(wanted, output.partial, on_progress, args.jobs)
+        result = measure(wanted, output.partial, jobs=args.jobs, on_progress=on_progress)
     show_tables(tables(result))
     return result
 
