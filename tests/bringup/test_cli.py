@@ -14,7 +14,7 @@ import pytest
 from rclpy.exceptions import InvalidNamespaceException
 
 from roller_bringup import cli
-from roller_core.errors import RollerError
+from roller_core.errors import TRACEBACK, RollerError
 from roller_sim.commands import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +56,7 @@ def run_with(monkeypatch, fault):
     ],
 )
 def test_every_fault_is_one_line(monkeypatch, capsys, fault, code, says):
-    monkeypatch.delenv(cli.TRACEBACK, raising=False)
+    monkeypatch.delenv(TRACEBACK, raising=False)
     assert run_with(monkeypatch, fault) == code
     out, err = capsys.readouterr()
     assert (out, err.count("\n"), says in err) == ("", 1, True), err
@@ -64,7 +64,7 @@ def test_every_fault_is_one_line(monkeypatch, capsys, fault, code, says):
 
 
 def test_a_fault_of_ours_can_be_seen_where_it_happened(monkeypatch):
-    monkeypatch.setenv(cli.TRACEBACK, "1")
+    monkeypatch.setenv(TRACEBACK, "1")
     with pytest.raises(KeyError):
         run_with(monkeypatch, KeyError("x"))
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from roller_core.errors import RollerError, SettingsError
+from roller_core.errors import RollerError, SettingsError, describe_fault_of_ours
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,13 @@ def test_a_name_of_a_megabyte_is_cut_in_its_middle() -> None:
     assert len(said) < 610
     assert said.startswith("transform AAA")
     assert said.endswith("AAA -> base is not finite; left out")
+
+
+def test_a_fault_of_ours_is_one_line_that_says_what_to_do() -> None:
+    said = describe_fault_of_ours(ValueError("two\nlines"))
+    assert said == (
+        "ValueError: two lines (a fault of roller: please report it; "
+        "ROLLER_TRACEBACK=1 shows where)"
+    )
+    said = describe_fault_of_ours(ValueError("x"), "the node ends")
+    assert said.startswith("ValueError: x (a fault of roller, the node ends: please report it; ")

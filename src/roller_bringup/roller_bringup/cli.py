@@ -11,12 +11,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from roller_core.errors import TRACEBACK, RollerError, describe_fault_of_ours
 from roller_core.signals import run_to_the_end
 
 #: Packages name their subcommands in this group of entry points.
 GROUP = "roller.commands"
-#: Set to 1, it has a fault of ours shown where it happened.
-TRACEBACK = "ROLLER_TRACEBACK"
 #: Set by a shell that completes a line.
 _COMPLETING = "_ARGCOMPLETE"
 
@@ -78,7 +77,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(words: list[str]) -> int:
     """Read the words and do what they say; heavy imports belong to the subcommand."""
     from roller_core.command_help import add_examples
-    from roller_core.errors import RollerError
     from roller_core.library_threads import one_thread_a_library
     from roller_core.memory import collect_seldom, keep_freed_memory
     from roller_core.signals import terminate_in_order
@@ -146,10 +144,7 @@ def _describe(error: Exception) -> str:
 
         if refusal := refused_name(error):
             return refusal
-    return (
-        f"{type(error).__name__}: {text} (a fault of roller: please report it; "
-        f"{TRACEBACK}=1 shows where)"
-    )
+    return describe_fault_of_ours(error)
 
 
 if __name__ == "__main__":

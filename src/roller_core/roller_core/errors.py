@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+#: Environment variable: set to 1, it has a fault of ours shown where it happened.
+TRACEBACK = "ROLLER_TRACEBACK"
 #: Of a longer message the begin and the end are shown.
 _BEGIN, _END = 400, 200
 #: Where an output folder is written aside; see `output_folder`.
@@ -36,3 +38,18 @@ class UnwritableOutputError(RollerError):
     def __str__(self) -> str:
         """The message; see `RollerError`."""
         return re.sub(rf"([^/]+)/{re.escape(ASIDE)}/\1(?=[/:;,) ]|$)", r"\1", super().__str__())
+
+
+def describe_fault_of_ours(error: BaseException, then: str = "") -> str:
+    """One line on an error that nobody foresaw, which a user should report.
+
+    Parameters
+    ----------
+    error : BaseException
+        The error.
+    then : str, optional
+        What comes of it, such as `the node ends`.
+    """
+    text = " ".join(str(error).split())
+    whose = f"a fault of roller, {then}" if then else "a fault of roller"
+    return f"{type(error).__name__}: {text} ({whose}: please report it; {TRACEBACK}=1 shows where)"

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import rclpy
 from rclpy.executors import ExternalShutdownException
 
-from roller_core.errors import RollerError
+from roller_core.errors import TRACEBACK, RollerError, describe_fault_of_ours
 from roller_core.last_resort import ends_within
 from roller_core.signals import Interrupter
 
@@ -21,8 +21,6 @@ from .node import LEAVES_WITHIN_S, RollerNode
 from .refusals import init_ros, refused_name
 from .worker import ENDED
 
-#: Set to 1, it has a fault of ours shown where it happened.
-TRACEBACK = "ROLLER_TRACEBACK"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -104,18 +102,13 @@ def _code_of(error: BaseException) -> int:
     return _give_up(error)
 
 
-def _give_up(error: BaseException | None) -> int:
+def _give_up(error: BaseException) -> int:
     """Say in one line which fault of ours, or name that ROS refuses, ends the node; exit code."""
     if isinstance(error, Exception) and (refusal := refused_name(error)):
         print(f"error: {refusal}", file=sys.stderr, flush=True)
         return 1
     if os.environ.get(TRACEBACK) == "1":
         traceback.print_exception(error)
-    text = " ".join(str(error).split())
-    print(
-        f"error: {type(error).__name__}: {text} (a fault of roller, the node ends: please report "
-        f"it; {TRACEBACK}=1 shows where)",
-        file=sys.stderr,
-        flush=True,
-    )
+    described = describe_fault_of_ours(error, "the node ends")
+    print(f"error: {described}", file=sys.stderr, flush=True)
     return 1
