@@ -195,6 +195,8 @@ def check_same_camera(path: Path | None, camera: Camera) -> None:
     ------
     OtherCameraError
         Naming both.
+    SettingsError
+        If the file can't be read, or what it says of the camera.
     """
     if path is None:
         return

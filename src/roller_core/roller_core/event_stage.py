@@ -89,7 +89,13 @@ class EventStage(Stage[E], Generic[E, P]):
                 stream.push(encoding, 8, 8, seq, 1_000_000_000 + t_ns, t_ns, payload)
 
     def take_camera(self, camera: Camera) -> None:
-        """Take the calibration, then the packets that came before it; see `Stage`."""
+        """Take the calibration, then the packets that came before it; see `Stage`.
+
+        Raises
+        ------
+        OtherCameraError
+            If the settings are for another camera; nothing is taken until one comes that fits.
+        """
         wanted = self.settings.calibrated_camera
         if any(wanted) and not camera.same_intrinsics(wanted):
             self.refuse_camera(

@@ -75,7 +75,25 @@ class EventStream:
         self._gaps.skip("", packets)
 
     def push_message(self, message: Any) -> EventArray:
-        """Decode an event_camera_msgs/EventPacket, of a live graph or of a bag; see `push`."""
+        """Decode an event_camera_msgs/EventPacket, of a live graph or of a bag.
+
+        Parameters
+        ----------
+        message : EventPacket
+            The packet, as rclpy or rosbags has it.
+
+        Returns
+        -------
+        EventArray
+            See `push`.
+
+        Raises
+        ------
+        CodecError
+            If it is big-endian or can't be decoded.
+        ImageSizeError, TimeBackwardsError
+            See `push`.
+        """
         if message.is_bigendian and message.encoding != "evt3":  # which is little-endian always
             self.counts.decode_errors += 1
             raise CodecError(

@@ -47,7 +47,7 @@ class Refinement:
 
     #: To apply on the left of the pose; the identity if it was refused. Shape (4, 4).
     correction: F64
-    #: .
+    #: Whether it was taken.
     accepted: bool
     #: Why it was refused; empty if it was taken.
     reason: str

@@ -58,16 +58,16 @@ class RecorderNode(RollerNode):
         self._camera = OneCamera(events, self._camera_info, self.recorder.losses)
         self._diagnostics = diagnostics.Diagnostics(self, "recording", self._status)
         self._reported = False
-        self._tap = PolledSubscriptions(self, chosen, self._take, self._overflow)
+        self._polled = PolledSubscriptions(self, chosen, self._take, self._overflow)
         self.create_timer(1.0, self._look_round)
 
     def stop_taking(self) -> None:
         """Take what has arrived and no more; what waits is still being written."""
-        self._tap.stop()
+        self._polled.stop()
 
     def destroy_node(self) -> None:
         """Write what waits, finish the bag and say what was lost."""
-        if hasattr(self, "_tap") and not self.recorder.stopped:
+        if hasattr(self, "_polled") and not self.recorder.stopped:
             self.stop_taking()
             self.recorder.drain(_DRAIN_S)
             self.recorder.stop()
@@ -90,7 +90,7 @@ class RecorderNode(RollerNode):
         self.recorder.take(self._camera.keep(messages))
 
     def _look_round(self) -> None:
-        self._tap.match_publishers()
+        self._polled.match_publishers()
         self._camera.see_publishers(publishers(self, self._camera_info))
 
     def _overflow(self, topic: str, t_ns: int) -> None:

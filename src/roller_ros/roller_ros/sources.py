@@ -44,10 +44,10 @@ class OneSource:
     latched : bool
         The topic's publishers may send once and be silent ever after: the first is followed until
         it is gone from the graph (`keep_to`).
-    processes : bool
-        Processes are told apart, not publishers: what one sends on several topics is one source.
     clock_s : callable
         Monotonic time, s.
+    processes : bool
+        Processes are told apart, not publishers: what one sends on several topics is one source.
 
     Attributes
     ----------

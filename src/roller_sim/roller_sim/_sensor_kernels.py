@@ -151,12 +151,14 @@ def _sensor_row(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    x0, y, width : int
-        First pixel's place and the image's width.
+    t0, t1 : int
+        Begin and end, ns.
     tau : float
         Time constant of the pixels' low pass, ns; 0: none.
     new : ndarray of float32, shape (w,)
         Log intensity at `t1`.
+    x0, y, width : int
+        First pixel's place and the image's width.
     before, signal, level, on, off, rate : ndarray of float32, shape (w,)
         Log intensity at `t0`; low-passed signal; compared level; thresholds; noise rate in Hz.
     watch : tuple of ndarray, shape (w,)
@@ -164,6 +166,10 @@ def _sensor_row(  # type: ignore[no-untyped-def]
         (float32), or the time (int64); see `_watch`.
     held, noise, draws : ndarray of int64, shape (w,)
         Time until which the pixel is held, next noise event, random numbers drawn.
+    timing : tuple of int and float
+        Latency, its jitter, refractory time and period of the read-out, ns; ON share of noise.
+    seed : int
+        Seed of the random numbers.
     after, busy : ndarray of float32, of bool, shape (w,)
         Scratch: the signal at `t1`, and which pixels are looked at.
     out, n : ndarray of uint64, int

@@ -55,6 +55,11 @@ def letter_plate(settings: SceneSettings) -> Scene:
 
     Scratches run across the first I, the first E and the top of the first T (where the text has
     them); a piece is missing from the side of the first T.
+
+    Raises
+    ------
+    SceneError
+        If the text is empty or has a letter that isn't known.
     """
     text = (settings.text or DEFAULT_LETTERS).upper()
     if not text.strip():

@@ -87,10 +87,10 @@ class RobotReceiver:
         Takes each sample, in the receiver's thread.
     on_change : callable
         Takes each new state and its fault.
-    clock_ns : callable
-        The host's time, ns.
     on_failure : callable, optional
         Takes what ended one of its threads, which is a fault of ours: see `WatchedThread`.
+    clock_ns : callable
+        The host's time, ns.
     connect_timeout_s : float
         Longest wait for an answer of the controller, s.
     retry_s : float

@@ -82,6 +82,12 @@ def height_cue(
 
     Parameters
     ----------
+    height_map : HeightMap
+        The map.
+    comparison : Comparison
+        The same map against its reference.
+    settings : FindingSettings
+        What counts as a finding.
     local : bool
         Whether the deviation from its own surroundings counts too: what is left of the form, and
         slow errors of the scan, hide small findings in the deviation itself.

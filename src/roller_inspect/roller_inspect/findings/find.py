@@ -50,6 +50,12 @@ def search(
 
     Parameters
     ----------
+    height_map : HeightMap
+        The map.
+    reference : Reference
+        What it is compared with.
+    settings : FindingSettings
+        What counts as a finding.
     known : iterable of (int, int, float)
         Row, column and depth of findings that need not be measured again.
     masked : ndarray of bool, shape (ny, nx), optional

@@ -59,10 +59,14 @@ def textured(coverage: Coverage, grid_m: float) -> bool:
 def coverage_of(
     height_map: HeightMap, area: Bools | None = None, shares: F32 | None = None
 ) -> Coverage:
-    """Coverage of a map, or of an area of it (ny, nx), where cells outside the scan count.
+    """Coverage of a map, or of an area of it.
 
     Parameters
     ----------
+    height_map : HeightMap
+        The map.
+    area : ndarray of bool, shape (ny, nx), optional
+        Cells that count, those outside the scan too; without it all that the scan reached.
     shares : ndarray of float32, shape (4, ny, nx), optional
         Of cells by state (`shares`); without them a cell is what its state says.
     """

@@ -22,7 +22,7 @@ def median_known(values: npt.NDArray[np.floating]) -> F64:
 
 
 def block_medians(values: F32, used: Bools, k: int, least: float) -> F64:
-    """Median by block of k by k cells; NaN where fewer than so many are used.
+    """Median by block; NaN where too few cells are used.
 
     Parameters
     ----------
@@ -30,6 +30,15 @@ def block_medians(values: F32, used: Bools, k: int, least: float) -> F64:
         Blocks at the far ends may be cut.
     used : ndarray of bool, shape (ny, nx)
         Cells that count.
+    k : int
+        Edge of a block, cells.
+    least : float
+        Used cells that a block needs.
+
+    Returns
+    -------
+    ndarray of float64, shape (ceil(ny / k), ceil(nx / k))
+        Medians.
     """
     ny, nx = (-(-n // k) for n in values.shape)
     kept = np.full((ny * k, nx * k), np.nan, np.float32)

@@ -97,7 +97,13 @@ class GoldenReference:
         return cls(**{**found, "scans": int(found["scans"])})
 
     def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
-        """See `Reference`."""
+        """See `Reference`.
+
+        Raises
+        ------
+        ReferenceError
+            If it was taught in another frame, or doesn't fit the map.
+        """
         if np.abs(self.base_from_map - height_map.base_from_map).max() > _SAME_FRAME:
             raise ReferenceError(
                 "reference golden: it was taught in another frame than this scan's"

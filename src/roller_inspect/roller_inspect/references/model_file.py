@@ -71,6 +71,8 @@ def _broken_off(path: Path, vertices: int, triangles: int) -> str:
 
     Parameters
     ----------
+    path : path
+        The file.
     vertices, triangles : int
         How many were read.
     """

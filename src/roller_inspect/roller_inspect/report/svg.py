@@ -25,6 +25,8 @@ class Chart:
         With units.
     width, height : int
         Pixels.
+    equal : bool
+        Whether both axes have the same scale: the height then follows from the width.
     """
 
     def __init__(
@@ -38,7 +40,7 @@ class Chart:
         equal: bool = False,
     ) -> None:
         self._x, self._y = wide(x), wide(y)
-        if equal:  # the same scale on both axes
+        if equal:
             inner = width - _LEFT - _RIGHT
             span = self._y[1] - self._y[0]
             height = round(inner * span / (self._x[1] - self._x[0])) + _TOP + _BOTTOM

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from roller_core.camera import Camera
+from roller_core.codecs import DecodedPacket
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
 from roller_core.time_order import TimeBackwardsError, TimeOrder
@@ -22,14 +23,33 @@ _READERS = {".aedat4": ".aedat4", ".aedat": ".aedat4", ".raw": ".prophesee"} | d
 )
 
 
-def reader_of(path: Path) -> Any:
-    """The module that reads the events of a file; None if it is no such file.
+class EventReader(Protocol):
+    """A module that reads the events of a kind of file."""
 
-    It has `event_stream`, which gives a stream and its image size, and `read_events`.
-    """
+    #: What `roller info` says of how events are encoded.
+    ENCODING: str
+
+    def event_stream(self, path: Path, wanted: str | None = None, /) -> tuple[int, int, int]:
+        """What `read_events` takes to find the stream, and width and height, px; 0: not known."""
+
+    def read_events(self, path: Path, stream: int, /) -> Iterator[EventArray]:
+        """Events, block by block, in the file's clock, ns."""
+
+
+@runtime_checkable
+class BlockReader(EventReader, Protocol):
+    """A reader of files of encoded words."""
+
+    def read_blocks(self, path: Path, stream: int, /) -> Iterator[tuple[int, bytes, DecodedPacket]]:
+        """Blocks: the byte that they begin at, their words, and what these hold."""
+
+
+def reader_of(path: Path) -> EventReader | None:
+    """The module that reads the events of a file; None if it is no such file."""
     name = _READERS.get(path.suffix.lower()) if path.is_file() else None
     # They bring heavy libraries; only the one that is needed is loaded.
-    return import_module(name, __package__) if name else None
+    module: Any = import_module(name, __package__) if name else None
+    return module
 
 
 class EventFileRecording(Recording):
@@ -39,6 +59,8 @@ class EventFileRecording(Recording):
     ----------
     path : path
         An AEDAT4, Prophesee or DSEC file.
+    reader : EventReader
+        What reads it: see `reader_of`.
     poses : path, optional
         TUM file, camera optical frame in base.
     camera : Camera, optional
@@ -57,6 +79,7 @@ class EventFileRecording(Recording):
     def __init__(
         self,
         path: Path,
+        reader: EventReader,
         poses: Path | None = None,
         camera: Camera | None = None,
         max_gap_s: float = DEFAULT_MAX_POSE_GAP_S,
@@ -64,7 +87,8 @@ class EventFileRecording(Recording):
     ) -> None:
         self._path = path
         self.source = str(path)
-        self._stream, width, height = reader_of(path).event_stream(path, stream)
+        self._reader = reader
+        self._stream, width, height = reader.event_stream(path, stream)
         if poses is None:
             raise RecordingError(
                 f"{path}: such a file holds no poses; give --poses FILE (TUM: t x y z qx qy qz qw)"
@@ -88,7 +112,7 @@ class EventFileRecording(Recording):
         yield from self._first_step()
         span, order = max(self._track.end_ns - self._track.start_ns, 1), TimeOrder()
         try:
-            for events in reader_of(self._path).read_events(self._path, self._stream):
+            for events in self._reader.read_events(self._path, self._stream):
                 inside = (events.x < self.camera.width) & (events.y < self.camera.height)
                 self.counts.packets += 1
                 self.counts.events += int(inside.sum())

@@ -45,8 +45,8 @@ def open_recording(
         from .dataset import DatasetRecording
 
         return DatasetRecording(path, poses, camera, max_gap_s)
-    if reader_of(path) is not None:
-        return EventFileRecording(path, poses, camera, max_gap_s, topic)
+    if (reader := reader_of(path)) is not None:
+        return EventFileRecording(path, reader, poses, camera, max_gap_s, topic)
     from .bag import BagRecording
 
     return BagRecording(path, poses, camera, max_gap_s, topic)

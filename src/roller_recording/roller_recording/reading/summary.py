@@ -14,7 +14,7 @@ from roller_core.seq_gaps import SeqGaps
 from roller_core.time_order import JITTER_NS, TimeBackwardsError, TimeOrder
 
 from .base import MalformedRecordingError, RecordingError, check_path, is_dataset
-from .event_file import reader_of
+from .event_file import BlockReader, EventReader, reader_of
 
 #: Of more faults of a kind the rest is counted.
 _MOST_FAULTS = 100
@@ -210,8 +210,8 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
     return summary
 
 
-def _count_file(path: Path, summary: RecordingSummary, reader: Any, stream: int) -> None:
-    if not hasattr(reader, "read_blocks"):
+def _count_file(path: Path, summary: RecordingSummary, reader: EventReader, stream: int) -> None:
+    if not isinstance(reader, BlockReader):
         order = TimeOrder()
         for events in reader.read_events(path, stream):
             summary.add(events)

@@ -12,7 +12,7 @@ from roller_core.pose_track import PoseTrack
 
 from .bag import BagRecording
 from .base import MissingTopicError, Recording, RecordingError, Step, is_dataset
-from .event_file import reader_of
+from .event_file import EventReader, reader_of
 from .event_topic import event_topic
 
 
@@ -40,8 +40,8 @@ def open_uncalibrated(path: Path, topic: str | None = None) -> Recording:
             f"{path}: a folder with events.txt doesn't say how large the image is; give a bag or "
             "an .aedat4 or .raw file"
         )
-    if reader_of(path) is not None:
-        return _EventFile(path, topic)
+    if (reader := reader_of(path)) is not None:
+        return _EventFile(path, reader, topic)
     return _Bag(path, topic=topic)
 
 
@@ -63,10 +63,11 @@ class _Bag(BagRecording):
 
 
 class _EventFile(Recording):
-    def __init__(self, path: Path, stream: str | None) -> None:
+    def __init__(self, path: Path, reader: EventReader, stream: str | None) -> None:
         self.source = str(path)
         self._path = path
-        self._stream, width, height = reader_of(path).event_stream(path, stream)
+        self._reader = reader
+        self._stream, width, height = reader.event_stream(path, stream)
         if not width:
             raise RecordingError(f"{path}: doesn't say how large its image is")
         self.camera = _stand_in(width, height)
@@ -74,5 +75,5 @@ class _EventFile(Recording):
         self.counts = StreamCounts()
 
     def items(self) -> Iterator[Step]:
-        for events in reader_of(self._path).read_events(self._path, self._stream):
+        for events in self._reader.read_events(self._path, self._stream):
             yield Step(events.sorted_by_time(), 0.0)

@@ -44,7 +44,7 @@ class PolledSubscriptions:
     topics : iterable of Topic
         What to take.
     take : callable
-        Takes a list of messages, in a thread of the tap.
+        Takes a list of messages, in a thread of the polled subscriptions.
     on_overflow : callable
         Takes a topic and a time, ns, when the middleware's queue was full: then messages may have
         been lost there.
