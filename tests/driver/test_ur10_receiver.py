@@ -72,7 +72,7 @@ def test_every_sample_comes_untorn_at_the_controllers_rate(rate, period_ns):
         assert sample.speed == pytest.approx(speed, abs=1e-7)
     assert status.controller is not None
     assert status.controller.rate_hz == rate
-    assert (status.safety, status.stopped_for_safety) == ("normal", False)
+    assert (status.mode, status.safety, status.stopped_for_safety) == ("running", "normal", False)
 
 
 def test_the_receiver_follows_a_controller_through_its_troubles():

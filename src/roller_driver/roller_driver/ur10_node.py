@@ -154,6 +154,7 @@ class Ur10Node(RollerNode):
                 "robot": p.robot_ip,
                 "controller": s.controller or "",
                 "rate_hz": s.controller.rate_hz if s.controller else "",
+                "mode": s.mode,
                 "safety": s.safety,
                 "pose_rate_hz": self._meter.rates(samples=s.samples)["samples"],
                 "force_n": "" if self._contact.force_n is None else round(self._contact.force_n, 1),

@@ -25,6 +25,7 @@ VARIABLES = [
     "timestamp",
     "actual_TCP_pose",
     "actual_TCP_speed",
+    "robot_mode",
     "safety_mode",
 ]
 #: What it may be without.
@@ -239,6 +240,7 @@ class RobotReceiver:
             if not all(map(math.isfinite, wrench)):
                 wrench = ()
             self.status.safety_mode = int(interface.getSafetyMode())
+            self.status.robot_mode = int(interface.getRobotMode())
             after = interface.getTimestamp()
             if after == stamp:
                 return RobotSample(round(stamp * 1e9), arrival_ns, pose, speed, wrench)

@@ -10,6 +10,18 @@ SEARCHING = "searching"
 RECEIVING = "receiving"
 STOPPED = "stopped"
 
+_MODES = {
+    -1: "no controller",
+    0: "disconnected",
+    1: "confirm safety",
+    2: "booting",
+    3: "power off",
+    4: "power on",
+    5: "idle",
+    6: "backdrive",
+    7: "running",
+    8: "updating firmware",
+}
 _SAFETY_MODES = {
     1: "normal",
     2: "reduced",
@@ -53,8 +65,14 @@ class ReceiverStatus:
     not_finite: int = 0
     #: Times that the controller's clock went back.
     steps_back: int = 0
-    #: As the controller reports it; 0 before it does.
+    #: As the controller reports them; 0 and None before it does.
     safety_mode: int = 0
+    robot_mode: int | None = None
+
+    @property
+    def mode(self) -> str:
+        """The robot's mode in words."""
+        return "" if self.robot_mode is None else _MODES.get(self.robot_mode, "not known")
 
     @property
     def safety(self) -> str:
