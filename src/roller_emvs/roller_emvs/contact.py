@@ -187,7 +187,10 @@ class ContactWatch(EventCutter):
         if share is not None and share < _STANDS:
             fault = "contact lost: the image stands while the robot rolls"
         elif share is not None and not self._speed.rolls(share):
-            fault = f"slipping: the image moves at {share:.0%} of the robot's speed"
+            fault = (
+                f"slipping: the image moves at {share:.0%} of the robot's speed, or the surface "
+                f"lies at {1e3 * self._depth_m / share:.0f} mm, out of depth_min_m … depth_max_m"
+            )
         return ContactState(share, area_m2, fill, cells, fault)
 
     def _cells(self, events: EventArray) -> tuple[float, float, float]:

@@ -23,9 +23,8 @@ _MOST, _LEAST = 6_000, 800
 _PACKET = 64
 #: Shares that are tried: near 1 as close as a peak is wide.
 _SHARES = np.r_[0.0:0.8:0.05, 0.8:1.2:0.02, 1.2:1.7:0.05]
-#: How far from 1 is still rolling: the depth range and so much more for what the share errs by,
-#: and at most so much.
-_LEEWAY, _MOST_LEEWAY = 0.03, 0.16
+#: So much beyond what the depth range allows is still rolling, for what the share errs by.
+_LEEWAY = 0.03
 #: Bins along and across the motion, px.
 _BINS_PX = np.array([2.0, 8.0])
 #: A share is believed when it is sharper than chance by so many standard deviations, and slipping
@@ -51,8 +50,8 @@ class ImageSpeed:
     ) -> None:
         self._camera, self._track = camera, track
         self._depth_m = 0.5 * (depth_min_m + depth_max_m)
-        leeway = 0.5 * (depth_max_m - depth_min_m) / self._depth_m + _LEEWAY
-        self._rolls = np.abs(_SHARES - 1.0) < min(leeway, _MOST_LEEWAY)
+        least, most = self._depth_m / depth_max_m, self._depth_m / depth_min_m
+        self._rolls = (least - _LEEWAY < _SHARES) & (most + _LEEWAY > _SHARES)
         self._table: F32 = camera.undistortion_table()
         #: Events by pixel; zero between two looks.
         self._counts = np.zeros(self._table.shape[:2], np.uint16)

@@ -30,6 +30,11 @@ Chains = tuple[F64, npt.NDArray[np.int32], npt.NDArray[np.int64]]
 #: Slopes beyond those of the first pose that still count, as far as a camera may tilt in a pass:
 #: 20° and more. The steepest of all, 76°.
 _MORE_SLOPE, _STEEPEST = 0.5, 4.0
+#: Size of the grid's pixels at most, in that of the camera's on the nearest surface.
+_COARSEST = 1.05
+#: A surface that lies so much further or nearer than assumed was seen from other slopes; depths
+#: from which on that is sure.
+_NEAR, _LEAST_DEPTHS = 0.05, 100
 
 
 class MotionError(RollerError):
@@ -83,7 +88,10 @@ class Strip:
         self.middle_m = 0.5 * (s.depth_min_m + s.depth_max_m)
         self.half_m = 0.5 * (s.depth_max_m - s.depth_min_m)
         self.focal_px = float(max(camera.fx, camera.fy))
-        self.pixel_m = self.middle_m / self.focal_px
+        #: Depth at which the surface lies, as far as is known; see `learn_depth`.
+        self.depth_m = self.middle_m
+        self._knows_depth = False
+        self.pixel_m = min(self.middle_m, _COARSEST * s.depth_min_m) / self.focal_px
         self._pixel_rays = rays
         # Slopes are greatest and least at corners of the hull, however the camera turns.
         border = cv2.convexHull(np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]]))[:, 0]
@@ -174,13 +182,27 @@ class Strip:
             least, most = max(least, -edge), min(most, edge)
         self._slopes = (min(self._slopes[0], least), max(self._slopes[1], most))
 
+    def learn_depth(self, offsets: npt.NDArray[np.floating]) -> bool:
+        """Take the offsets of a block's depths; whether what was assumed of them is too far off.
+
+        Of a wide range of depths the surface is anywhere, and its rows are seen from elsewhere.
+        """
+        if len(offsets) < _LEAST_DEPTHS:
+            return False
+        depth_m = self.middle_m + float(np.median(offsets))
+        if abs(depth_m - self.depth_m) <= _NEAR * self.depth_m:
+            return False
+        first, self._knows_depth = not self._knows_depth, True
+        self.depth_m = depth_m
+        return first
+
     def slopes_seen(self, x: npt.NDArray[np.floating]) -> tuple[F64, F64]:
         """Least and most slope from which points at x were in view so far."""
         low, high = self.seen_m
         least, most = self.slopes
         return (
-            np.maximum((x - high) / self.middle_m, least),
-            np.minimum((x - low) / self.middle_m, most),
+            np.maximum((x - high) / self.depth_m, least),
+            np.minimum((x - low) / self.depth_m, most),
         )
 
     def cell_columns(self, block: Block) -> F64:
@@ -192,7 +214,7 @@ class Strip:
     def aperture_m(self, block: Block) -> float:
         """Travel of the camera during which the best seen of a block's rows were in view."""
         low, high = self.slopes_seen(self.cell_columns(block))
-        return max(float((high - low).max()), 0.0) * self.middle_m
+        return max(float((high - low).max()), 0.0) * self.depth_m
 
     def ready(self, flush: bool = False) -> list[Block]:
         """Blocks that no event reaches any more as their rows are out of view, in order."""

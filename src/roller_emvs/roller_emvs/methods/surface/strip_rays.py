@@ -18,16 +18,22 @@ I32 = npt.NDArray[np.int32]
 
 
 def ray_field(strip: Strip, block: Block) -> RayField:
-    """A block's events as rays, for motion that parts don't fit; grid as `part_field`'s."""
+    """A block's events as rays, for motion that parts don't fit; grid as `part_field`'s.
+
+    There a row is a fan through the camera's mean path, not level: rows of the sensor that came
+    apart from plane to plane would mix with their neighbours. So a slope across is what lies
+    between a ray's and the fan's.
+    """
     pixel = strip.pixel_m
     size = CELL_PX * pixel
     rows = max(int(np.ceil((block.high_y_m - block.low_y_m) / size)), 2) * CELL_PX
     parts = [strip.events(block, polarity) for polarity in range(2)]
     rays = np.concatenate(
         [
-            np.column_stack([e.x_m + MARGIN_M, e.y_m - block.low_y_m, e.slope, across])
+            np.column_stack([e.x_m + MARGIN_M, e.y_m - block.low_y_m, e.slope, across - fan])
             for e in parts
             for across in [strip.across(e, block.number * strip.settings.block_m)]
+            for fan in [strip.fan(block, e.y_m.astype(np.float64))]
         ]
     )
     rays /= pixel

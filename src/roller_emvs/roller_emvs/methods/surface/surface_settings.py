@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import TYPE_CHECKING
+
+from pydantic import Field, model_validator
 
 from roller_core.frame_settings import NominalSurface
 from roller_emvs.evidence.evidence_settings import SurfaceEvidence
 from roller_emvs.method_settings import MethodSettings
+
+if TYPE_CHECKING:
+    from typing import Self
+
+
+#: Farthest depth, in the nearest, that one grid on the surface suits.
+_WIDEST = 6.0
 
 
 class SurfaceSettings(MethodSettings, NominalSurface):
@@ -34,3 +43,12 @@ class SurfaceSettings(MethodSettings, NominalSurface):
     evidence: SurfaceEvidence = Field(
         SurfaceEvidence.create({}), description="What counts as evidence of a depth."
     )
+
+    @model_validator(mode="after")
+    def _one_grid(self) -> Self:
+        if self.depth_max_m > _WIDEST * self.depth_min_m:
+            raise ValueError(
+                f"depth_max_m = {self.depth_max_m:g} is more than {_WIDEST:g} times as far as "
+                f"depth_min_m = {self.depth_min_m:g}: set them around the surface"
+            )
+        return self

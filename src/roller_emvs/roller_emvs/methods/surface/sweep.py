@@ -124,7 +124,9 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 f"less than {s.min_aperture_m * 1e3:g} mm: too little parallax",
             )
         measured = None
-        while measured is None:  # anew once it is seen where the skin leaves the surface
+        while (
+            measured is None
+        ):  # anew once it is seen where the surface lies and the skin leaves it
             by = self._by_parts if fits(strip, block) else self._by_rays
             measured = by(strip, block, watch)
         found, x, y = measured
@@ -153,22 +155,18 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         s = self.settings
         with watch("arrange"):
             whole = part_field(strip, block, s.evidence.planes_per_px, s.threads)
-
-        def across(row: F64, offset: F64) -> F64:
-            y = row * strip.pixel_m + block.low_y_m
-            return np.asarray(y + strip.fan(block, y) * offset, np.float64)
-
         with watch("votes"):
             near = find_coarsely(whole, strip.half_m, s.evidence, s.threads)
             block, field, near = narrowed(block, whole, near, strip.pixel_m)
             depths = find_part_depths(field, near, strip.half_m, s.evidence, s.threads)
+        if strip.learn_depth(_offsets(depths)):
+            return None
         with watch("points"):
             found = self._measured(field, depths)
         with watch("lines"):
             return self._refined(
                 strip, block, field, depths, found,
                 lambda polarity, every: StripRays(strip, block, polarity, field.reach_m, every),
-                across,
             )  # fmt: skip
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> Measured | None:
@@ -178,16 +176,14 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             field = ray_field(strip, block)
         with watch("votes"):
             depths = find_depths(field, -half, half, s.evidence, COARSE_PARTS, s.threads)
+        if strip.learn_depth(_offsets(depths)):
+            return None
         with watch("points"):
             found = self._measured(field, depths)
-
-        def across(row: F64, _offset: F64) -> F64:
-            return np.asarray(row * strip.pixel_m + block.low_y_m, np.float64)
-
         with watch("lines"):
             return self._refined(
                 strip, block, field, depths, found,
-                lambda polarity, every: RayArray(field.some(polarity, every)), across,
+                lambda polarity, every: RayArray(field.some(polarity, every)),
             )  # fmt: skip
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
@@ -207,10 +203,14 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         depths: list[Depths],
         found: Relief,
         rays: Callable[[int, int], RaySource],
-        across: Callable[[F64, F64], F64],
     ) -> Measured | None:
         """Points that follow lines, and where they lie; None if rays beyond the patch counted."""
         s, pixel = self.settings, strip.pixel_m
+
+        def across(row: F64, offset: F64) -> F64:
+            y = row * pixel + block.low_y_m
+            return np.asarray(y + strip.fan(block, y) * offset, np.float64)
+
         if not any(np.isfinite(own.offset).any() for own in depths):
             return found, np.empty(0), np.empty(0)
         length = block.end_m - block.start_m
@@ -267,7 +267,13 @@ class SurfaceSweep(DepthEngine[PassCutter]):
     def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""
         low, high = strip.slopes_seen(x)
-        return np.asarray((high - low) * strip.middle_m >= self.settings.min_aperture_m)
+        return np.asarray((high - low) * strip.depth_m >= self.settings.min_aperture_m)
+
+
+def _offsets(depths: list[Depths]) -> F32:
+    """Those of the cells that have one."""
+    every = np.concatenate([own.offset.ravel() for own in depths])
+    return np.asarray(every[np.isfinite(every)])
 
 
 def _by_polarity(found: Relief, lines: LinePoints) -> Iterator[tuple[int, F32, Places]]:
