@@ -106,7 +106,14 @@ class BraillePipeline:
         return self._cutter.needed_from_ns
 
     def add_events(self, events: EventArray) -> None:
-        """Take events in order of time, ROS time."""
+        """Take events in order of time, ROS time.
+
+        Raises
+        ------
+        EventArrayError
+            If one is older than the one before it.
+        """
+        events.check_order()
         self._cutter.add(events.compensate_delay(self.settings.event_delay_s))
 
     def leave_gap(self) -> None:

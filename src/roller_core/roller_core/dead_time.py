@@ -174,7 +174,7 @@ def _count_gaps(x, y, t, last, counted, gaps):  # type: ignore[no-untyped-def]
         row = y[i] // np.uint16(_EVERY)
         gap = t[i] - last[row, x[i]]
         last[row, x[i]] = t[i]
-        if gap < _LONGEST_NS and counted[row, x[i]] < _MOST_OF_PIXEL:
+        if 0 <= gap < _LONGEST_NS and counted[row, x[i]] < _MOST_OF_PIXEL:
             counted[row, x[i]] += np.uint8(1)
             gaps[gap // _BIN_NS] += 1
             found += 1

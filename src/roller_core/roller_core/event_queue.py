@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from .dead_time import DeadTime
-from .events import EventArray
+from .events import EventArray, EventArrayError
 from .pose_track import PoseTrack
 
 #: Before any event.
@@ -48,9 +48,21 @@ class EventQueue:
         return int(self._parts[0].t_ns[0])
 
     def add(self, events: EventArray) -> None:
-        """Take events, none older than those before."""
+        """Take events in order of time.
+
+        Raises
+        ------
+        EventArrayError
+            If they begin before the newest that was ever added.
+        """
         if not len(events):
             return
+        if events.t_ns[0] < self.newest_ns:
+            behind_s = (self.newest_ns - int(events.t_ns[0])) * 1e-9
+            raise EventArrayError(
+                f"events begin {behind_s:.6f} s before the newest of those that came before; "
+                "expected events in order of time"
+            )
         self._parts.append(events)
         self._count += len(events)
         self.newest_ns = int(events.t_ns[-1])

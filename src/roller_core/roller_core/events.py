@@ -64,15 +64,9 @@ class EventArray:
             If the arrays differ in length or have more than one dimension, or a value is no number
             or doesn't fit its field; polarities are 0 and 1.
         """
-        polarity = _whole("p", p, np.uint8)
-        if len(polarity) and polarity.max() > 1:
-            raise EventArrayError(
-                f"event field 'p' holds values from {polarity.min()} to {polarity.max()}; "
-                "expected 0 for OFF and 1 for ON"
-            )
         return cls(
             _whole("x", x, np.uint16), _whole("y", y, np.uint16), _whole("t_ns", t_ns, np.int64),
-            polarity,
+            _whole("p", p, np.uint8),
         )  # fmt: skip
 
     @classmethod
@@ -110,6 +104,22 @@ class EventArray:
                 f"{width}×{height}: is this the camera's calibration?"
             )
 
+    def check_order(self) -> None:
+        """Refuse events that aren't in order of time.
+
+        Raises
+        ------
+        EventArrayError
+            Naming the first that is older than the one before it.
+        """
+        before, after = self.t_ns[:-1], self.t_ns[1:]
+        if not bool(np.all(after >= before)):
+            k = int(np.argmax(after < before))
+            raise EventArrayError(
+                f"event {k + 1} is {(before[k] - after[k]) * 1e-9:.6f} s older than the one before "
+                "it; expected events in order of time: see EventArray.sorted_by_time"
+            )
+
     def shifted(self, offset_ns: int) -> EventArray:
         """The same events, `offset_ns` later."""
         return EventArray(self.x, self.y, self.t_ns + np.int64(offset_ns), self.p)
@@ -132,15 +142,21 @@ class EventArray:
 def _whole(name: str, values: npt.ArrayLike, dtype: type[np.integer]) -> npt.NDArray[Any]:
     """Values as a field's type; numpy would make some pixel or time of NaN, -1 or 70,000."""
     array = np.asarray(values)
-    if array.size and array.dtype != dtype and not np.can_cast(array.dtype, dtype):
-        limits = np.iinfo(dtype)
-        low, high = array.min(), array.max()
+    low, high = (0, 1) if name == "p" else (np.iinfo(dtype).min, np.iinfo(dtype).max)
+    if array.size and (name == "p" or not np.can_cast(array.dtype, dtype)):
+        wanted = "0 for OFF and 1 for ON" if name == "p" else f"whole numbers from {low} to {high}"
+        if array.dtype.kind not in "buif":
+            raise EventArrayError(f"event field '{name}' is {array.dtype}; expected {wanted}")
+        least, most = array.min(), array.max()
         # Written so that NaN fails it; the upper limit of int64 is none that a float64 can hold.
-        fits = low >= limits.min and high <= limits.max
-        if not fits or (array.dtype.kind == "f" and high >= 2.0**63):
+        fits = least >= low and most <= high
+        if not fits or (array.dtype.kind == "f" and most >= 2.0**63):
             raise EventArrayError(
-                f"event field '{name}' holds values from {low} to {high}; "
-                f"expected whole numbers from {limits.min} to {limits.max}"
+                f"event field '{name}' holds values from {least} to {most}; expected {wanted}"
+            )
+        if array.dtype.kind == "f" and (broken := array != np.floor(array)).any():
+            raise EventArrayError(
+                f"event field '{name}' holds {array[broken][0]:g}; expected {wanted}"
             )
     return np.ascontiguousarray(array, dtype=dtype)
 

@@ -156,11 +156,37 @@ class PoseTrack:
     def extend(
         self, t_ns: npt.ArrayLike, positions: npt.ArrayLike, quaternions: npt.ArrayLike
     ) -> None:
-        """Add poses in order of time, see `append`."""
-        for t, p, q in zip(
-            np.asarray(t_ns), np.asarray(positions), np.asarray(quaternions), strict=True
-        ):
-            self.append(int(t), p, q)
+        """Add poses in order of time, see `append`.
+
+        Parameters
+        ----------
+        t_ns : array_like of int, shape (n,)
+            Times, ns.
+        positions : array_like, shape (n, 3)
+            Metres.
+        quaternions : array_like, shape (n, 4)
+            Rotations x, y, z, w.
+
+        Raises
+        ------
+        PoseValueError
+            If shapes don't fit, or times are no whole numbers; none is added. And as `append`, for
+            a pose; those before it stay.
+        PoseOrderError
+            As `append`; those before it stay.
+        """
+        t, p, q = np.asarray(t_ns), np.asarray(positions), np.asarray(quaternions)
+        if not (t.ndim == 1 and p.shape == (len(t), 3) and q.shape == (len(t), 4)):
+            raise PoseValueError(
+                f"times, positions and quaternions are of shapes {t.shape}, {p.shape} and "
+                f"{q.shape}; expected (n,), (n, 3) and (n, 4)"
+            )
+        if t.dtype.kind not in "iuf" or (t.dtype.kind == "f" and (t != np.floor(t)).any()):
+            raise PoseValueError(
+                f"poses have the times {t[0]} to {t[-1]}; expected nanoseconds, whole numbers"
+            )
+        for each in zip(t.tolist(), p, q, strict=True):
+            self.append(int(each[0]), *each[1:])
 
     def assign(self, other: PoseTrack) -> None:
         """Take the poses of another track in place of one's own."""

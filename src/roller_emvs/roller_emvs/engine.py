@@ -96,9 +96,10 @@ class DepthEngine(Generic[C]):
         Raises
         ------
         EventArrayError
-            If one lies outside the camera's image.
+            If one lies outside the camera's image, or is older than the one before it.
         """
         events.check_inside(self.camera.width, self.camera.height)
+        events.check_order()
         events = events.compensate_delay(self._event_delay_s)
         self._contact.add(events)
         self._cutter.add(events)
