@@ -56,6 +56,19 @@ def test_the_images_share_of_the_speed_is_found(texture: EventArray, share: floa
     assert watch.state.fill > 0.9
 
 
+@pytest.mark.parametrize(("share", "said"), [
+    (2.5, "or the surface lies at 18 mm, out of depth_min_m"),
+    (3.3, "or the surface lies at 14 mm, out of depth_min_m"),
+    (-1.0, "the image moves against the robot: are the poses, or the hand-eye, inverted"),
+])  # fmt: skip
+def test_a_surface_far_before_the_range_and_poses_the_other_way(
+    texture: EventArray, share: float, said: str
+) -> None:
+    watch = watched(texture, poses(share))
+    assert said in watch.fault(0, 200 * MS)
+    assert said in watch.fault(200 * MS, 290 * MS)  # and for good
+
+
 def test_a_piece_that_has_begun_is_looked_at_once(
     texture: EventArray, monkeypatch: pytest.MonkeyPatch
 ) -> None:

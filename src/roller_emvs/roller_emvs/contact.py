@@ -184,8 +184,16 @@ class ContactWatch(EventCutter):
             )
         share = self._speed.share(events)
         fault = ""
-        if share is not None and share < _STANDS:
-            fault = "contact lost: the image stands while the robot rolls"
+        if share is not None and share < -_STANDS:
+            fault = (
+                "the image moves against the robot: are the poses, or the hand-eye, inverted, or "
+                "quaternions not x, y, z, w?"
+            )
+        elif share is not None and share < _STANDS:
+            fault = (
+                "contact lost: the image stands while the robot rolls, or the surface lies far "
+                "beyond depth_max_m"
+            )
         elif share is not None and not self._speed.rolls(share):
             fault = (
                 f"slipping: the image moves at {share:.0%} of the robot's speed, or the surface "

@@ -9,11 +9,13 @@ told from it, and isn't told.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_core.transforms import F64
 
 from .rays import F32, make_packets, rays_in_view
 
@@ -23,6 +25,10 @@ _MOST, _LEAST = 6_000, 800
 _PACKET = 64
 #: Shares that are tried: near 1 as close as a peak is wide.
 _SHARES = np.r_[0.0:0.8:0.05, 0.8:1.2:0.02, 1.2:1.7:0.05]
+#: Shares that are tried while none of these is sharp: of a surface that lies far before the range
+#: of depths, and of poses that go the other way. So often, unless one of these is found.
+_FAR_SHARES = np.r_[-1.3:-0.7:0.03, 1.7:6.0:0.05]
+_MOST_FAR = 3
 #: So much beyond what the depth range allows is still rolling, for what the share errs by.
 _LEEWAY = 0.03
 #: Bins along and across the motion, px.
@@ -55,6 +61,8 @@ class ImageSpeed:
         self._table: F32 = camera.undistortion_table()
         #: Events by pixel; zero between two looks.
         self._counts = np.zeros(self._table.shape[:2], np.uint16)
+        #: How often far shares may still be looked at in vain.
+        self._far_left = _MOST_FAR
 
     def rolls(self, share: float) -> bool:
         """Whether a surface in the range of depths could look so."""
@@ -76,23 +84,28 @@ class ImageSpeed:
         size = np.array([self._camera.width, self._camera.height], np.float64)
         if np.ptp(rays[3]) > np.ptp(rays[2]):
             rays, size = rays[[1, 0, 3, 2]], size[::-1]
-        margin = [float(max(-moved.min(), moved.max())) * _SHARES[-1] + 2.0 for moved in rays[2:]]
-        columns, rows = np.ceil((size + 2 * np.array(margin)) / _BINS_PX).astype(np.int64)
-        rays[0] += margin[0]
-        rays[1] += margin[1]
-        rays /= np.tile(_BINS_PX, 2).astype(np.float32)[:, None]
         signs = events.p.astype(np.int16) * np.int16(2) - np.int16(1)
-        sharp = np.empty(len(_SHARES))
-        image, places = np.empty((rows + 1, columns), np.int16), np.empty(n, np.int32)
-        _sharpness(rays, signs, _SHARES.astype(np.float32), places, image, sharp)
-        chance = np.sqrt(8.0 * n * n / (rows * columns) + 4.0 * n)
+        sharp = _sharpness_by_share(rays, size, signs, _SHARES)
         best = int(np.argmax(sharp))
-        if sharp[best] < _SURE * chance:
-            return None
+        if sharp[best] < _SURE:
+            return self._far_share(rays, size, signs)
+        self._far_left = 0
         rolling = float(sharp[self._rolls].max())
         if not self._rolls[best] and sharp[best] < _CLEARER * rolling:
             return None
         return float(_SHARES[best])
+
+    def _far_share(self, rays: F32, size: F64, signs: npt.NDArray[np.int16]) -> float | None:
+        """A share far from all that could be rolling or slipping."""
+        if not self._far_left:
+            return None
+        self._far_left -= 1
+        sharp = _sharpness_by_share(rays, size, signs, _FAR_SHARES)
+        best = int(np.argmax(sharp))
+        if sharp[best] < _SURE:
+            return None
+        self._far_left = _MOST_FAR
+        return float(_FAR_SHARES[best])
 
     def _quiet(self, events: EventArray) -> EventArray:
         """The events of pixels that don't fire far more than others: hot ones stand."""
@@ -101,6 +114,35 @@ class ImageSpeed:
         x, y = np.ascontiguousarray(events.x), np.ascontiguousarray(events.y)
         _keep_quiet(x, y, self._counts, kept)
         return events[kept]
+
+
+def _sharpness_by_share(
+    rays: F32, size: F64, signs: npt.NDArray[np.int16], shares: F64
+) -> npt.NDArray[np.float64]:
+    """How sharp the image is at some shares of the speed, in what it is by chance.
+
+    Parameters
+    ----------
+    rays : ndarray of float32, shape (4, n)
+        Place at infinity along and across the motion and its shift at full speed, px.
+    size : ndarray, shape (2,)
+        Of the image, along and across the motion, px.
+    signs : ndarray of int16, shape (n,)
+        Of the events, 1 and -1.
+    shares : ndarray, shape (k,)
+        Shares of the speed.
+    """
+    n, most = len(signs), float(np.abs(shares).max())
+    margin = [float(max(-moved.min(), moved.max())) * most + 2.0 for moved in rays[2:]]
+    columns, rows = np.ceil((size + 2 * np.array(margin)) / _BINS_PX).astype(np.int64)
+    bins = rays.copy()
+    bins[0] += margin[0]
+    bins[1] += margin[1]
+    bins /= np.tile(_BINS_PX, 2).astype(np.float32)[:, None]
+    sharp = np.empty(len(shares))
+    image, places = np.empty((rows + 1, columns), np.int16), np.empty(n, np.int32)
+    _sharpness(bins, signs, shares.astype(np.float32), places, image, sharp)
+    return np.asarray(sharp / np.sqrt(8.0 * n * n / (rows * columns) + 4.0 * n))
 
 
 @njit(cache=True, nogil=True)
