@@ -96,6 +96,21 @@ def test_poses_given_at_once_outlast_a_restart(frames: SensorFrames) -> None:
     np.testing.assert_array_equal(frames.track.times_ns, track.times_ns)
 
 
+def test_poses_given_at_once_are_smoothed_as_those_that_come() -> None:
+    rng, jittering, even = np.random.default_rng(3), SensorFrames(), SensorFrames()
+    track, stamps = PoseTrack(), np.arange(300) * 8 * MS
+    for t_ns, late_ns in zip(stamps, rng.normal(0.0, 2e5, 300).astype(int), strict=True):
+        track.append(int(t_ns + late_ns), [t_ns * 0.3e-9, 0.0, 0.0], UP)
+    jittering.follow(track)
+    apart_ns = jittering.track.times_ns - stamps
+    assert len(apart_ns) == 300
+    assert apart_ns[20:-20].std() < 0.25 * (track.times_ns - stamps)[20:-20].std()
+    exact = PoseTrack()
+    exact.extend(stamps, track.positions, track.quaternions)
+    even.follow(exact)
+    np.testing.assert_array_equal(even.track.times_ns, stamps)
+
+
 def test_what_is_missing_is_named() -> None:
     fresh = SensorFrames()
     assert fresh.missing() == "no poses base -> tool0_controller on /tf"

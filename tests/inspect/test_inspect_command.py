@@ -6,10 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from recording.bags import write_bag
+from recording.bags import camera_track, write_bag, write_tum
 from roller_bringup.cli import main
+from roller_core.pose_track import PoseTrack
+from roller_core.transforms import matrix_to_quaternion, quaternion_to_matrix
 
 pytestmark = pytest.mark.scan
 
@@ -83,6 +86,26 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(
     assert code == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("turned_over", [False, True])
+def test_poses_by_which_the_camera_looks_up_give_no_verdict(
+    turned_over: bool, bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As those in a frame of the first camera: dents would pass for rises."""
+    track, poses = camera_track(), tmp_path / "poses.txt"
+    if turned_over:
+        over = np.diag([1.0, -1.0, -1.0])
+        turned = [matrix_to_quaternion(over @ quaternion_to_matrix(q)) for q in track.quaternions]
+        down = PoseTrack()
+        down.extend(track.times_ns, track.positions @ over, np.array(turned))
+        track = down
+    write_tum(track, poses)
+    words = ["inspect", str(bag), "--output", str(tmp_path / "out"), "--poses", str(poses)]
+    code = main([*words, "--method", "focus", "--no-picture", "--no-braille"])
+    said = capsys.readouterr().err
+    assert ("the camera looks up, along +z of base" in said) != turned_over
+    assert code == (4 if turned_over else 1)
 
 
 def test_a_later_replay_leaves_no_verdict_of_another_scan(bag: Path, tmp_path: Path) -> None:

@@ -116,9 +116,21 @@ class SensorFrames:
         return ""
 
     def follow(self, track: PoseTrack) -> None:
-        """Take all poses of the sensor in base at once, in place of transforms."""
-        self.track.assign(track)
-        self._given = track
+        """Take all poses of the sensor in base at once, in place of transforms.
+
+        Their stamps are smoothed as those of transforms are.
+        """
+        smoother: StampSmoother[tuple[F64, F64]] = StampSmoother(self._smoother.neighbours)
+        given = PoseTrack(track.max_gap_s)
+        for t_ns, *pose in zip(
+            track.times_ns.tolist(), track.positions, track.quaternions, strict=True
+        ):
+            for out_ns, (p, q) in smoother.push(t_ns, (pose[0], pose[1])):
+                given.append(out_ns, p, q)
+        for out_ns, (p, q) in smoother.finish():
+            given.append(out_ns, p, q)
+        self.track.assign(given)
+        self._given = given
         if len(track):
             self._span_ns = track.start_ns, track.end_ns
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from roller_core.errors import RollerError, UnwritableOutputError
 from roller_core.output_folder import release_reserve
 from roller_core.outputs import Result
+from roller_core.transforms import quaternion_to_matrix
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
@@ -27,6 +28,8 @@ if TYPE_CHECKING:  # what inspects loads scipy
 
 #: Share of the events that may come before the first pose or after the last: the robot stands then.
 _MOST_LOST = 0.05
+#: Part of a camera's axis along base's z from which on it looks up.
+_LOOKS_UP = 0.02
 
 
 def replay(
@@ -159,6 +162,15 @@ class _Run:
             self._report.add_fault(
                 RecordingError(f"{source}: {stitcher.left_out} depth maps left out: no pose")
             )
+        given = recording.poses is not None  # on /tf base is the robot's, which stands upright
+        if self._pipeline.inspect is not None and given and self._looks_up():
+            self._report.add_fault(
+                RecordingError(
+                    f"{source}: by its poses the camera looks up, along +z of "
+                    f"{self._pipeline.depth.frames.base}: dents would pass for rises, as heights "
+                    "count from the surface to the camera; turn the poses' frame over"
+                )
+            )
         span = self._pipeline.depth.frames.span_ns
         if self._first_ns is None or span is None or self.restarted:
             return
@@ -182,6 +194,14 @@ class _Run:
                     f"{span[0] * 1e-9:.3f} to {span[1] * 1e-9:.3f} s"
                 )
             )
+
+    def _looks_up(self) -> bool:
+        """Whether the camera looks at the surface from below."""
+        turns = self._pipeline.depth.frames.track.quaternions
+        if not len(turns):
+            return False
+        axis = quaternion_to_matrix(turns[len(turns) // 2])[:, 2]
+        return bool(axis[2] > _LOOKS_UP)
 
     def collect_what_goes(self, flush: bool = False) -> None:
         """Collect; a part that fails is reported and doesn't stop the others."""
