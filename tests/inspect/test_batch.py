@@ -201,6 +201,31 @@ def test_recordings_are_found_and_results_are_not(tmp_path: Path) -> None:
     assert list(find_recordings([tmp_path])) == [bag, data, tmp_path / "single.raw"]
 
 
+def test_files_of_events_alone_are_found_with_the_poses_beside_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans, taken = tmp_path / "scans", []
+    scans.mkdir()
+    for name in ("a.aedat4", "b.h5", "c.RAW", "d.HDF5", "e.txt", "b.poses.txt", "e.poses.txt"):
+        (scans / name).write_text(name)
+
+    def noted(job: jobs.Job) -> jobs.Row:
+        taken.append(job)
+        return jobs.Row(job.key, job.source, "", "", None, None, None, None, "noted")
+
+    monkeypatch.setattr(jobs, "run_job", noted)
+    words = ["batch", str(scans), "--output", str(tmp_path / "out")]
+    assert main(words) == 1
+    poses = {Path(job.source).name: job.options[-2:] for job in taken}
+    assert sorted(poses) == ["a.aedat4", "b.h5", "c.RAW", "d.HDF5"]
+    assert poses.pop("b.h5") == ("--poses", str(scans / "b.poses.txt"))
+    assert not any("--poses" in options for options in poses.values())
+    (scans / "b.poses.txt").write_text("other poses")
+    main(words)
+    keys = [job.key for job in taken]
+    assert len(set(keys)) == 5  # with other poses it is another job
+
+
 def test_links_to_recordings_are_followed_once(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "elsewhere" / "bag")
     folder = tmp_path / "folder"

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from roller_core.output_mark import MARK, entries_made
+from roller_recording.reading import event_file
 
 #: Of the child, before anything is loaded: it is asked to end when the batch is gone, however that
 #: came, else it would hold its output folder against the next; and its memory is bounded.
@@ -23,7 +24,7 @@ _BOUND = (
     "n and resource.setrlimit(resource.RLIMIT_DATA, (n, n)); "
 )
 _CHILD = _BOUND + "from roller_inspect.commands.inspect import main; sys.exit(main())"
-_SUFFIXES = (".mcap", ".db3", ".bag", ".aedat4", ".raw")
+_SUFFIXES = (".mcap", ".db3", ".bag", *event_file.SUFFIXES)
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,17 @@ def find_recordings(folders: Sequence[Path]) -> Iterator[Path]:
         bags = sorted({f.parent for f in files if f.name in ("metadata.yaml", "events.txt")})
         yield from (b for b in bags if not {b.name, "report.json"} <= entries_made(b.parent).keys())
         for path in files:
-            if path.suffix in _SUFFIXES and not any(path.is_relative_to(bag) for bag in bags):
+            if path.suffix.lower() in _SUFFIXES and not any(
+                path.is_relative_to(bag) for bag in bags
+            ):
                 yield path
+
+
+def poses_beside(recording: Path) -> Path | None:
+    """Poses of a file of events alone, `scan.poses.txt` beside `scan.aedat4`, if they are there."""
+    poses = recording.with_suffix(".poses.txt")
+    events_alone = recording.suffix.lower() in event_file.SUFFIXES
+    return poses if events_alone and poses.is_file() else None
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
 def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list[Job]:
     from roller_core.calibration_file import digest
     from roller_core.digests import data_digest
-    from roller_inspect.batch.jobs import Job
+    from roller_inspect.batch.jobs import Job, poses_beside
     from roller_inspect.batch.summary import read_rows
     from roller_inspect.report.document import software
 
@@ -127,7 +127,10 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list
     earlier = read_rows(args.output) if args.resume else {}
     jobs: dict[str, Job] = {}
     for source in sources:
+        poses = poses_beside(source)
+        own = [] if poses is None else ["--poses", str(poses.resolve())]
         found = [digest(source), *read, args.method, args.export, software()]
+        found += [digest(poses)] if poses is not None else []
         key = data_digest(found)[:16]
         if key in jobs:
             print(f"{source}: the same recording as {jobs[key].source}; inspected once")
@@ -136,7 +139,7 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list
         if before is not None and not before.verdict:
             print(f"{before.source}: tried again, it failed before: {before.error}")
         jobs[key] = Job(
-            key, str(source.resolve()), str(args.output.resolve() / key), tuple(options),
+            key, str(source.resolve()), str(args.output.resolve() / key), (*options, *own),
             args.resume, args.timeout_s, args.memory_mb * 1_000_000,
             before.seconds if before is not None and before.verdict else None,
         )  # fmt: skip

@@ -23,6 +23,10 @@ _READERS = {".aedat4": ".aedat4", ".aedat": ".aedat4", ".raw": ".prophesee"} | d
 )
 
 
+#: How names of such files end.
+SUFFIXES = tuple(_READERS)
+
+
 class EventReader(Protocol):
     """A module that reads the events of a kind of file."""
 
