@@ -216,6 +216,9 @@ def test_texture_is_of_what_was_measured_whatever_it_is_compared_with() -> None:
     assert found["measured"] == pytest.approx(0.6)
     assert texture(replace(part, seen=0.05), 1e-4, 10**6, 5e-5)["measured"] == pytest.approx(0.1)
     assert "Too little texture" in texture(replace(part, seen=0.05), 1e-4, 10**6, 5e-5)["text"]
+    # Many events and hardly a cell: not the coating is to blame.
+    unsure = texture(replace(part, seen=0.001), 1e-4, 10**6, 5e-5)["text"]
+    assert "depths are too uncertain: inspect with surface or focus" in unsure
 
 
 def test_a_scan_that_broke_off_says_nothing_of_its_coating() -> None:

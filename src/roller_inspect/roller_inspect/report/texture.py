@@ -10,6 +10,8 @@ from roller_inspect.height_map.coverage import LEAST_TEXTURE, Coverage, textured
 #: and the depth that it finds: `roller evaluate pod`, seeds 1001 to 1007, all kinds.
 #: From the virtual cell, not fitted to a real roller.
 SHOWN_MEASURED, SHOWN_EVENTS_PER_MM2, SHOWN_A90_95_UM = 0.52, 7000.0, 93
+#: Share of the cells that many events leave unmeasured only where depths are uncertain.
+_HARDLY = 0.02
 #: Fewest events a mm².
 LEAST_EVENTS_PER_MM2 = 500.0
 
@@ -54,6 +56,9 @@ def texture(
         else "The scan didn't reach what is to be inspected: are the recipe's frame and regions "
         "those of this part?"
         if not coverage.scanned
+        else f"Too little is sure: {seen}. There are events enough, so depths are too uncertain: "
+        "inspect with surface or focus, and see that contact and poses were good."
+        if per_mm2 is not None and per_mm2 >= SHOWN_EVENTS_PER_MM2 and measured < _HARDLY
         else f"Too little texture: {seen}. Defects between what was measured are not seen; use a "
         "coating with a printed, high-contrast texture."
     )
