@@ -45,6 +45,19 @@ def test_depth_beyond_the_range_is_refused(usual: dict[str, int], method: str, p
     assert len(points) <= 0.03 * usual[method]
 
 
+@pytest.mark.parametrize("middle_m", [0.07, 0.15], ids=["1.6 times", "3.3 times"])
+@pytest.mark.parametrize("method", ALL)
+def test_a_range_far_behind_the_plate_is_refused_with_the_reason(
+    method: str, middle_m: float
+) -> None:
+    depths = {"depth_min_m": 0.8 * middle_m, "depth_max_m": 1.2 * middle_m}
+    found = world.run(method, plate(world.MIDDLE_M), world.poses(), **depths)
+    assert not len(world.points_of(found))
+    reasons = [one.reason for one in world.refused_of(found) if "slipping" in one.reason]
+    assert reasons
+    assert all("or the surface lies at 4" in reason for reason in reasons)
+
+
 @pytest.mark.parametrize("method", PAPER)
 def test_more_planes_than_a_byte_counts(method: str) -> None:
     """600 planes: a plane's number that was cut to 8 bits would be wrong by 1 mm and more."""
