@@ -45,6 +45,14 @@ def test_depth_beyond_the_range_is_refused(usual: dict[str, int], method: str, p
     assert len(points) <= 0.03 * usual[method]
 
 
+@pytest.mark.parametrize("depths_m", [(0.044, 0.08), (0.03, 0.046), (0.02, 0.1)])
+@pytest.mark.parametrize("method", ["focus", "surface"])
+def test_a_plate_anywhere_in_a_wide_range(method: str, depths_m: tuple[float, float]) -> None:
+    depths = {"depth_min_m": depths_m[0], "depth_max_m": depths_m[1]}
+    found = world.run(method, world.scan(), world.poses(), **depths)
+    world.assert_right(world.points_of(found))
+
+
 @pytest.mark.parametrize("middle_m", [0.07, 0.15], ids=["1.6 times", "3.3 times"])
 @pytest.mark.parametrize("method", ALL)
 def test_a_range_far_behind_the_plate_is_refused_with_the_reason(
