@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,11 @@ from roller_core.camera import Camera
 from roller_core.option_types import add_output
 from roller_core.plain_json import to_text
 
+from .acceptance_page import certificate_page
 from .output import check_mm
 
 #: Exit code where the cell isn't accepted, as of a part that is out of tolerance.
 NOT_ACCEPTED = 3
-_STYLE = (
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:46em;margin:3em auto;padding:0 1em}"
-    "table{border-collapse:collapse;width:100%}td,th{text-align:left;padding:.3em .6em;"
-    "border-bottom:1px solid #bbb}.yes{color:#176b2c}.no{color:#a3161a}"
-)
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -71,15 +66,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 def run(args: argparse.Namespace) -> int:
     """Measure, compare, write the certificate and say the verdict."""
-    from roller_calibration.acceptance import (
-        accepted_radii,
-        golden_shortfalls,
-        limits,
-        promised,
-        shortfalls,
-    )
-    from roller_calibration.reached import GAUGES
-    from roller_calibration.recordings import read_scan
+    from roller_calibration.acceptance import golden_shortfalls
     from roller_core.output_folder import OutputFolder
     from roller_core.parameter_files import read_parameters
     from roller_inspect.pipeline import PipelineSettings
@@ -102,21 +89,7 @@ def run(args: argparse.Namespace) -> int:
     camera = _one_camera(bags, args, settings.max_pose_gap_s)
     inspection = _inspection(args.inspection, camera) if args.inspection else None
     with OutputFolder(args.output, "acceptance", inputs) as output:
-        gauges: dict[str, Any] = {}
-        short: list[str] = []
-        for name, (bag, size_m) in given.items():
-            if bag is None:
-                continue
-            scan = read_scan(bag, args, settings.max_pose_gap_s)
-            reached = GAUGES[name].measure(scan, settings, size_m)
-            promise = promised(name, scan, args.light, reached.printed)
-            calibrated = settings.edge_drift.calibrated
-            least = limits(name, promise, accepted_radii(size_m, reached, args.light, calibrated))
-            short += shortfalls(name, reached, least)
-            gauges[name] = {
-                "size_m": size_m, "reached": vars(reached), "promised": vars(promise),
-                "limits": vars(least),
-            }  # fmt: skip
+        gauges, short = _measured(given, args, settings)
         if inspection is not None:
             short += golden_shortfalls(inspection)
         records = read_parameters(args.params, SECTION)
@@ -134,13 +107,43 @@ def run(args: argparse.Namespace) -> int:
             },
         )  # fmt: skip
         (output.partial / "certificate.json").write_text(to_text(certificate))
-        (output.partial / "certificate.html").write_text(_page(certificate))
+        (output.partial / "certificate.html").write_text(certificate_page(certificate))
     for line in [certificate["verdict"].upper(), *short]:
         print(line)
     low, high = (1e3 * r for r in gauges["sphere"]["limits"]["radius_m"])
     print(f"the sphere's radius is judged as far as its light lets it: {low:.2f} to {high:.2f} mm")
     print(f"written to {args.output}")
     return NOT_ACCEPTED if short else 0
+
+
+def _measured(
+    given: dict[str, tuple[Path | None, float]], args: argparse.Namespace, settings: Any
+) -> tuple[dict[str, Any], list[str]]:
+    """What gauges reach, by name, beside what they should; and where they fall short.
+
+    `given` holds of each its recording, None where there is none, and its size, m; `settings` are
+    those of `surface`.
+    """
+    from roller_calibration.acceptance import accepted_radii, limits, promised, shortfalls
+    from roller_calibration.reached import GAUGES
+    from roller_calibration.recordings import read_scan
+
+    gauges: dict[str, Any] = {}
+    short: list[str] = []
+    calibrated = settings.edge_drift.calibrated
+    for name, (bag, size_m) in given.items():
+        if bag is None:
+            continue
+        scan = read_scan(bag, args, settings.max_pose_gap_s)
+        reached = GAUGES[name].measure(scan, settings, size_m)
+        promise = promised(name, scan, args.light, reached.printed)
+        least = limits(name, promise, accepted_radii(size_m, reached, args.light, calibrated))
+        short += shortfalls(name, reached, least)
+        gauges[name] = {
+            "size_m": size_m, "reached": vars(reached), "promised": vars(promise),
+            "limits": vars(least),
+        }  # fmt: skip
+    return gauges, short
 
 
 def _one_camera(bags: Sequence[Path], args: argparse.Namespace, max_gap_s: float) -> Camera:
@@ -177,65 +180,3 @@ def _inspection(folder: Path, camera: Camera) -> dict[str, Any]:
             f"{path}: the part was seen by another camera ({other}) than the gauges ({camera})"
         )
     return dict(found)
-
-
-def _rows(name: str, gauge: dict[str, Any]) -> str:
-    """A gauge's figures, one a row."""
-    from roller_calibration.reached import GAUGES
-
-    size = f", {gauge['size_m'] * 1e3:g} mm" if gauge["size_m"] else ""
-    size += ", printed skin" if gauge["reached"]["printed"] else ""
-    rows = f'<tr><th colspan="4">{name}{size}</th></tr>\n'
-    form = (GAUGES[name].form, "form_m", 1e6, " µm", "≤ ")
-    if (radii := gauge["limits"]["radius_m"]) is not None:
-        low, high = (f"{r * 1e3:.2f}" for r in radii)
-        shown = [f"{gauge[which]['radius_m'] * 1e3:.2f} mm" for which in ("reached", "promised")]
-        shown.insert(1, f"{low} to {high} mm")
-        rows += "<tr><td>radius as seen*</td>" + "".join(f"<td>{c}</td>" for c in shown) + "</tr>\n"
-    for what, key, scale, unit, side in (
-        ("mean error", "error_m", 1e6, " µm", "≤ "),
-        *([form] if radii is None else []),
-        ("seen", "coverage", 100, " %", "≥ "),
-        ("errors within 2 σ", "within", 100, " %", "≥ "),
-        ("points", "points", 1, "", ""),
-    ):
-        limit = gauge["limits"].get(key)
-        cells = [f"{gauge[which][key] * scale:.0f}{unit}" for which in ("reached", "promised")]
-        cells.insert(1, "–" if limit is None else f"{side}{limit * scale:.0f}{unit}")
-        rows += f"<tr><td>{what}</td>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>\n"
-    return rows
-
-
-def _page(certificate: dict[str, Any]) -> str:
-    """The certificate to print and sign."""
-    rows = "".join(_rows(name, gauge) for name, gauge in certificate["gauges"].items())
-    camera = certificate["camera"]
-    facts = {
-        "date": certificate["date"],
-        "skin": certificate["skin"] or "–",
-        "camera": f"{camera['width']}×{camera['height']}, fx {camera['intrinsics'][0]:.1f} px",
-        "light": certificate["light"],
-        "edge drift": certificate["edge_drift"],
-        "golden scan": certificate["golden"] or "–",
-        "recordings": ", ".join(certificate["data"]),
-        "their SHA-256": ", ".join(text[:16] for text in certificate["sha256"]),
-        "calibrations": ", ".join(f"{k} {v}" for k, v in certificate["calibrations"].items())
-        or "–",
-    }
-    reasons = "".join(f"<li>{escape(line)}</li>" for line in certificate["reasons"])
-    listed = "".join(
-        f"<tr><th>{escape(k)}</th><td>{escape(str(v))}</td></tr>\n" for k, v in facts.items()
-    )
-    mark = "yes" if certificate["verdict"] == "accepted" else "no"
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Acceptance</title>'
-        f"<style>{_STYLE}</style></head><body><h1>Acceptance of the cell</h1>"
-        f'<p><b class="{mark}">{certificate["verdict"].upper()}</b></p><ul>{reasons}</ul>'
-        "<table><tr><th></th><th>this cell</th><th>limit</th><th>virtual cell</th></tr>\n"
-        f"{rows}</table><p>The virtual cell's own gauges, with this camera and speed and without a "
-        "calibration; under a printed skin where this cell's is, and its plate always.</p>"
-        "<p>* Edges that drift bend a sphere, and no radius is measured more surely than they let "
-        "it: one within the limit may be wrong by as much as that is wide. The virtual cell's "
-        "sphere has 4 mm.</p>"
-        f"<table>{listed}</table><p>Signed</p></body></html>\n"
-    )
