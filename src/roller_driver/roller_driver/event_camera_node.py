@@ -67,7 +67,7 @@ class EventCameraNode(RollerNode, LifecycleNode):
         self._preview = Preview()
         self._watched = self._shut_down = False
         self._clock_map = SensorClock()
-        self._steps_reported = self._dropped_reported = 0
+        self._growth = diagnostics.Growth()
         self._sequence = 0
         self._sent = 0
         self._dropped = 0
@@ -260,30 +260,11 @@ class EventCameraNode(RollerNode, LifecycleNode):
             events=s.decoder.events, bytes=s.usb.bytes, packets=s.packets,
             faults=s.decoder.errors + s.usb.overruns,
         )  # fmt: skip
-        steps = self._clock_map.steps
-        jumped, self._steps_reported = steps > self._steps_reported, steps
         queue, dropped = 0, self._dropped
         if self._worker is not None:
             queue, dropped = self._worker.waiting, dropped + self._worker.backlog.dropped
-        lost, self._dropped_reported = dropped - self._dropped_reported, dropped
-        level, text = diagnostics.OK, s.state
-        if s.state == reader.SEARCHING:
-            level, text = diagnostics.ERROR, s.fault or "looking for the camera"
-        elif simulated := diagnostics.simulated_clock(self):
-            level, text = diagnostics.ERROR, simulated
-        elif s.state == reader.SILENT:
-            level, text = diagnostics.WARN, s.fault
-        elif jumped:
-            level, text = diagnostics.WARN, "streaming; the camera's clock has jumped"
-        elif rates["faults"]:
-            level, text = diagnostics.WARN, "streaming, with faults of the stream"
-        elif lost > 0:
-            level, text = diagnostics.WARN, f"streaming, but {lost} packets had to be dropped"
-        elif self._camera is None:
-            level, text = diagnostics.WARN, "streaming, not calibrated: set camerainfo_url"
         return (
-            level,
-            text,
+            *self._health(s, rates["faults"] > 0, dropped),
             {
                 "state": s.state,
                 "camera": s.camera,
@@ -304,6 +285,26 @@ class EventCameraNode(RollerNode, LifecycleNode):
                 **diagnostics.clock_figures(self._clock_map),
             },
         )
+
+    def _health(self, s: reader.ReaderStatus, faults: bool, dropped: int) -> tuple[bytes, str]:
+        """The worst that is the matter."""
+        jumped = self._growth.of("clock steps", self._clock_map.steps)
+        lost = self._growth.of("dropped packets", dropped)
+        if s.state == reader.SEARCHING:
+            return diagnostics.ERROR, s.fault or "looking for the camera"
+        if simulated := diagnostics.simulated_clock(self):
+            return diagnostics.ERROR, simulated
+        if s.state == reader.SILENT:
+            return diagnostics.WARN, s.fault
+        if jumped:
+            return diagnostics.WARN, "streaming; the camera's clock has jumped"
+        if faults:
+            return diagnostics.WARN, "streaming, with faults of the stream"
+        if lost > 0:
+            return diagnostics.WARN, f"streaming, but {lost} packets had to be dropped"
+        if self._camera is None:
+            return diagnostics.WARN, "streaming, not calibrated: set camerainfo_url"
+        return diagnostics.OK, s.state
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from roller_core.clock import SensorClock
 from roller_core.pose_track import Pose
 from roller_driver.ur10.contact_watch import ContactWatch
 from roller_driver.ur10.receiver import RobotReceiver, RobotSample
-from roller_driver.ur10.receiver_status import SEARCHING
+from roller_driver.ur10.receiver_status import SEARCHING, ReceiverStatus
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_ros import diagnostics, messages, qos, topics
 from roller_ros.node import RollerNode
@@ -34,7 +34,7 @@ class Ur10Node(RollerNode):
         p.check_hand_eye_file()
         self._clock_map = SensorClock()
         self._published = 0
-        self._missed_reported = self._steps_reported = self._not_finite_reported = 0
+        self._growth = diagnostics.Growth()
         self._meter = diagnostics.Meter()
         # Not _publishers: rclpy's own.
         self._tf = (
@@ -112,43 +112,8 @@ class Ur10Node(RollerNode):
         s, p = self._receiver.status, self._p
         if self._tf is not None:
             self._others.check()
-        missed, self._missed_reported = s.missed - self._missed_reported, s.missed
-        no_numbers = s.not_finite - self._not_finite_reported
-        self._not_finite_reported = s.not_finite
-        steps = self._clock_map.steps
-        jumped, self._steps_reported = steps > self._steps_reported, steps
-        contact = self._contact.verdict()
-        level, text = diagnostics.OK, s.state if p.connect else "another node connects to the robot"
-        if s.state == SEARCHING:
-            level, text = diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"
-        elif simulated := diagnostics.simulated_clock(self):
-            level, text = diagnostics.ERROR, simulated
-        elif s.stopped_for_safety:
-            level, text = diagnostics.ERROR, f"the robot stands: {s.safety}"
-        elif p.publish_hand_eye and not p.hand_eye_known:
-            level = diagnostics.ERROR
-            text = (
-                "the camera's place on the tool is not set (hand_eye_m), so there is no depth: "
-                "calibrate it; hand_eye_identity says that it is the tool's own on purpose"
-            )
-        elif self._others.found:
-            level = diagnostics.ERROR
-            text = (
-                f"another node publishes {p.tool} on /tf too: set publish_tf to false here or stop "
-                "the other"
-            )
-        elif no_numbers:
-            level, text = diagnostics.ERROR, f"{no_numbers} poses are no numbers, and left out"
-        elif contact:
-            level, text = diagnostics.ERROR, contact
-        elif jumped:
-            level = diagnostics.WARN
-            text = "the controller's clock has jumped against the host's; its map restarts"
-        elif missed:
-            level, text = diagnostics.WARN, f"{missed} poses were missed"
         return (
-            level,
-            text,
+            *self._health(s),
             {
                 "state": s.state,
                 "robot": p.robot_ip,
@@ -170,6 +135,41 @@ class Ur10Node(RollerNode):
                 "clock_steps_back": s.steps_back,
             },
         )
+
+    def _health(self, s: ReceiverStatus) -> tuple[bytes, str]:
+        """The worst that is the matter."""
+        p, grown = self._p, self._growth.of
+        missed, no_numbers = grown("missed", s.missed), grown("not finite", s.not_finite)
+        jumped = grown("clock steps", self._clock_map.steps)
+        contact = self._contact.verdict()
+        if s.state == SEARCHING:
+            return diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"
+        if simulated := diagnostics.simulated_clock(self):
+            return diagnostics.ERROR, simulated
+        if s.stopped_for_safety:
+            return diagnostics.ERROR, f"the robot stands: {s.safety}"
+        if p.publish_hand_eye and not p.hand_eye_known:
+            return diagnostics.ERROR, (
+                "the camera's place on the tool is not set (hand_eye_m), so there is no depth: "
+                "calibrate it; hand_eye_identity says that it is the tool's own on purpose"
+            )
+        if self._others.found:
+            return diagnostics.ERROR, (
+                f"another node publishes {p.tool} on /tf too: set publish_tf to false here or stop "
+                "the other"
+            )
+        if no_numbers:
+            return diagnostics.ERROR, f"{no_numbers} poses are no numbers, and left out"
+        if contact:
+            return diagnostics.ERROR, contact
+        if jumped:
+            return (
+                diagnostics.WARN,
+                "the controller's clock has jumped against the host's; its map restarts",
+            )
+        if missed:
+            return diagnostics.WARN, f"{missed} poses were missed"
+        return diagnostics.OK, s.state if p.connect else "another node connects to the robot"
 
 
 def main() -> None:

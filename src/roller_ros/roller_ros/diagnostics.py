@@ -27,6 +27,18 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _MOST_FAULTS_A_SECOND = 10
 
 
+class Growth:
+    """By how much counts have grown since each was asked for last."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, int] = {}
+
+    def of(self, name: str, now: int) -> int:
+        """Growth of a count; of a new one all of it."""
+        before, self._before[name] = self._before.get(name, 0), now
+        return now - before
+
+
 class Meter:
     """Rates from counts that only grow."""
 

@@ -61,7 +61,8 @@ class StageNode(RollerNode):
         self.stage = stage = kind(settings)
         stage.clock_ns = lambda: int(self.get_clock().now().nanoseconds)
         self._empty = 0
-        self._faults = self._unprocessed = self._steps_reported = self._left_out_reported = 0
+        self._faults = self._unprocessed = 0
+        self._growth = diagnostics.Growth()
         self._meter = diagnostics.Meter()
         self._working = threading.Lock()  # the stage: the worker's, or a service's
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
@@ -236,19 +237,18 @@ class StageNode(RollerNode):
             return diagnostics.ERROR, conflict
         if matter:
             return bytes([level]), matter
-        if isinstance(self.stage, EventStage) and self.stage.stream is not None:
-            steps = self.stage.stream.clock.steps
-            jumped, self._steps_reported = steps > self._steps_reported, steps
-            if jumped:
-                return (
-                    diagnostics.WARN,
-                    "the camera's clock has jumped against the host's; its map is started anew",
-                )
+        stream = self.stage.stream if isinstance(self.stage, EventStage) else None
+        if stream is not None and self._growth.of("clock steps", stream.clock.steps) > 0:
+            return (
+                diagnostics.WARN,
+                "the camera's clock has jumped against the host's; its map is started anew",
+            )
         left_out, slow, came_not = 0, "", 0
         if isinstance(self.stage, EventStage):
             (left_out, slow), came_not = self.stage.too_slow(), self.stage.lost_packets
-            before, self._left_out_reported = self._left_out_reported, left_out
-            if left_out > before:  # since the last report: it holds no more than that
+            if (
+                self._growth.of("left out", left_out) > 0
+            ):  # since the last report: it holds no more than that
                 return diagnostics.WARN, slow
         if self.stage.lost or self._worker.backlog.dropped:
             # What waited too long goes too where there is no keeping up: that is no loss by itself.
