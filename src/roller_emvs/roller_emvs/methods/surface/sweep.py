@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -27,14 +28,15 @@ from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.lines.neighbourhoods import depth_points
 from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.path_error import PathError
-from roller_emvs.lines.ray_source import RayArray, RaySource
+from roller_emvs.lines.ray_source import RayArray
 from roller_emvs.lines.refine import refine
 from roller_emvs.lines.travelling_light import TravellingLight
-from roller_emvs.rays import F32, I64
+from roller_emvs.rays import F32
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
-from .blocks import MARGIN_M, Block
+from .block_work import BlockWork, find_ends, learn_path
+from .blocks import Block
 from .narrow import narrowed
 from .part_depths import find_coarsely, find_part_depths
 from .part_field import COARSE_PARTS, PartField, fits, part_field
@@ -44,13 +46,11 @@ from .strip_rays import StripRays, ray_field
 from .surface_patch import SurfacePatch
 from .surface_settings import SurfaceSettings
 
-#: Under a printed texture every second event is enough for lines, every fourth for the path.
-_TEXTURED_EVERY, _PATH_EVERY = 2, 4
+#: Under a printed texture every second event is enough for lines.
+_TEXTURED_EVERY = 2
 
 #: Measured pixels, and where they lie on the strip along and across, metres.
 Measured = tuple[Relief, F64, F64]
-#: Rows, columns and offsets of lines.
-Places = tuple[I64, F64, F64]
 
 
 class SurfaceSweep(DepthEngine[PassCutter]):
@@ -164,10 +164,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         with watch("points"):
             found = self._measured(field, depths)
         with watch("lines"):
-            return self._refined(
-                strip, block, field, depths, found,
-                lambda polarity, every: StripRays(strip, block, polarity, field.reach_m, every),
-            )  # fmt: skip
+            rays = partial(StripRays, strip, block, reach_m=field.reach_m)
+            work = BlockWork(
+                strip, block, field, lambda polarity, every: rays(polarity, every=every)
+            )
+            return self._refined(work, depths, found)
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> Measured | None:
         """The same for any path."""
@@ -181,10 +182,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         with watch("points"):
             found = self._measured(field, depths)
         with watch("lines"):
-            return self._refined(
-                strip, block, field, depths, found,
-                lambda polarity, every: RayArray(field.some(polarity, every)),
-            )  # fmt: skip
+            work = BlockWork(strip, block, field, lambda k, every: RayArray(field.some(k, every)))
+            return self._refined(work, depths, found)
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
         s, wanted = self.settings, self.on_lines is not None
@@ -195,65 +194,36 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             field, depths, s.evidence, s.edge_drift, s.threads, wanted, textured=textured
         )
 
-    def _refined(
-        self,
-        strip: Strip,
-        block: Block,
-        field: EvidenceField,
-        depths: list[Depths],
-        found: Relief,
-        rays: Callable[[int, int], RaySource],
-    ) -> Measured | None:
+    def _refined(self, work: BlockWork, depths: list[Depths], found: Relief) -> Measured | None:
         """Points that follow lines, and where they lie; None if rays beyond the patch counted."""
-        s, pixel = self.settings, strip.pixel_m
-
-        def across(row: F64, offset: F64) -> F64:
-            y = row * pixel + block.low_y_m
-            return np.asarray(y + strip.fan(block, y) * offset, np.float64)
-
+        s, field = self.settings, work.field
         if not any(np.isfinite(own.offset).any() for own in depths):
             return found, np.empty(0), np.empty(0)
-        length = block.end_m - block.start_m
-        columns = round(MARGIN_M / pixel), round((MARGIN_M + length) / pixel)
-        light, ends, path = self._pass_of(strip)
+        light, ends, path = self._pass_of(work.strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
         textured = found.textured  # it has events and points enough
         every = _TEXTURED_EVERY if textured else 1
         found, lines = refine(
-            field, found, lambda polarity: rays(polarity, every), columns, self._drifts[textured],
-            light, blind_m, s.threads, as_points=not textured,
+            field, found, lambda polarity: work.rays(polarity, every), work.columns,
+            self._drifts[textured], light, blind_m, s.threads, as_points=not textured,
         )  # fmt: skip
-        if textured and not ends.known:
-            for polarity, surface, places in _by_polarity(found, lines):
-                events = rays(polarity, every).array()
-                seen_at = events[:, 2].astype(np.float64) * field.ray_slope_scale
-                ends.look(events, seen_at, surface, *places)
-            if ends.find():
-                strip.ends = ends.ends
-                return None
-        for take, own in (
-            (self.on_lines, lambda: lines),
-            (self.on_depths, lambda: depth_points(field, depths, columns, textured)),
-        ):
-            if take is not None:
-                points = own()
-                x = points.column * pixel + block.start_m - MARGIN_M
-                y, z = across(points.row, points.offset), points.offset + strip.middle_m
-                take(strip.to_base(np.stack([x, y, z], axis=1)), strip.rotation, points)
-        x = found.column * pixel + block.start_m - MARGIN_M
+        if textured and not ends.known and find_ends(ends, work, found, lines, every):
+            work.strip.ends = ends.ends
+            return None
+        if self.on_lines is not None:
+            self.on_lines(*work.in_base(lines), lines)
+        if self.on_depths is not None:
+            points = depth_points(field, depths, work.columns, textured)
+            self.on_depths(*work.in_base(points), points)
+        x = work.along(found.column)
         if textured and isinstance(field, PartField):  # of others the path isn't straight
-            path.begin(block.start_m, block.end_m)
-            for polarity, surface, places in _by_polarity(found, lines):
-                events = rays(polarity, _PATH_EVERY).array()
-                columns_m = block.start_m - MARGIN_M, pixel
-                path.look(events, field.ray_slope_scale, surface, places, columns_m)
-            path.learn()
+            learn_path(path, work, found, lines)
             lacks = path.lacks_m(x).astype(found.offset.dtype)
             found = replace(found, offset=found.offset + lacks)
         if textured and s.average_flats:
             found = follow_wider(found, field, s.evidence, s.threads)
-        return found, x, across(found.row, found.offset)
+        return found, x, work.across(found.row, found.offset)
 
     def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds, PathError]:
         """What the strip's pass says of its light, of where the skin lies on it, and its poses."""
@@ -274,11 +244,3 @@ def _offsets(depths: list[Depths]) -> F32:
     """Those of the cells that have one."""
     every = np.concatenate([own.offset.ravel() for own in depths])
     return np.asarray(every[np.isfinite(every)])
-
-
-def _by_polarity(found: Relief, lines: LinePoints) -> Iterator[tuple[int, F32, Places]]:
-    """Polarity, its surface, and rows, columns and offsets of its lines."""
-    for polarity, surface in enumerate(found.surfaces):
-        own = lines.polarity == polarity
-        places = lines.row[own].astype(np.int64), lines.column[own], lines.offset[own]
-        yield polarity, surface, places
