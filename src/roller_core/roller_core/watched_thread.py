@@ -45,8 +45,8 @@ class WatchedThread(threading.Thread):
                 raise
             self._on_failure(error)
 
-    def end(self, timeout_s: float) -> None:
-        """Have it end, and wait for that; it may not have begun."""
+    def end(self, timeout_s: float | None = None) -> None:
+        """Have it end, and wait for that, so long at most; it may not have begun."""
         self._ends.set()
         if self.is_alive():
             self.join(timeout=timeout_s)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -17,6 +18,8 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+
+from roller_core.watched_thread import WatchedThread
 
 from .worker import end_process
 
@@ -60,7 +63,7 @@ class Poller:
         self._taken: list[tuple[Any, Take, Parse | None]] = []
         self._seen: set[bytes] = set()
         self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: WatchedThread | None = None
 
     def subscribe(
         self,
@@ -81,17 +84,15 @@ class Poller:
         parse : callable, optional
             Makes what is taken of the serialized message; else rclpy does.
         """
-        # With callbacks of its events the executor would wake for each message after all.
-        subscription = self._node.create_subscription(
-            message_type, topic, lambda _: None, quality, callback_group=self._group,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        )  # fmt: skip
+        subscription = subscribe_quietly(
+            self._node, message_type, topic, quality, callback_group=self._group
+        )
         self._taken.append((subscription, take, parse))
 
     def start(self) -> None:
         """Begin to take messages."""
         if self._taken:
-            self._thread = threading.Thread(target=self._run, daemon=True)
+            self._thread = WatchedThread("poller", self._run, self._stop, end_process)
             self._thread.start()
 
     def warn_of_unsuited(self) -> None:
@@ -113,29 +114,53 @@ class Poller:
 
     def stop(self) -> None:
         """Take no more."""
-        self._stop.set()
         if self._thread is not None:
-            self._thread.join()
+            self._thread.end()
 
     def _run(self) -> None:
-        try:
-            while not self._stop.is_set():
-                time.sleep(PERIOD_S)  # a third of what waiting for the end of it takes
-                for subscription, take, parse in self._taken:
-                    _take_waiting(subscription, take, parse)
-        except (_rclpy.RCLError, _rclpy.InvalidHandle):
-            pass  # the graph is gone
-        except BaseException as error:
-            if not self._stop.is_set():
-                end_process(error)
+        while not self._stop.is_set():
+            time.sleep(PERIOD_S)  # a third of what waiting for the end of it takes
+            for subscription, take, parse in self._taken:
+                for message, info in islice(waiting(subscription, parse is not None), _MOST):
+                    take(parse(message) if parse else message, info)
 
 
-def _take_waiting(subscription: Any, take: Take, parse: Parse | None) -> None:
+def subscribe_quietly(
+    node: Node, message_type: Any, topic: str, quality: QoSProfile, **options: Any
+) -> Any:
+    """Subscribe without callbacks, whose events would make the executor wake for each message.
+
+    Parameters
+    ----------
+    node : Node
+        Whose subscription it is; `waiting` takes what comes.
+    message_type, topic, quality
+        As of `Node.create_subscription`.
+    **options
+        The same.
+    """
+    none = SubscriptionEventCallbacks(use_default_callbacks=False)
+    return node.create_subscription(
+        message_type, topic, lambda _: None, quality, event_callbacks=none, **options
+    )
+
+
+def waiting(subscription: Any, raw: bool) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+    """Messages that wait in the middleware, the oldest first, with rclpy's `MessageInfo`.
+
+    None where the subscription or the graph is gone.
+
+    Parameters
+    ----------
+    subscription : Subscription
+        Of the node.
+    raw : bool
+        Whether they are wanted as they are serialized, else as messages.
+    """
     handle, kind = subscription.handle, subscription.msg_type
-    with handle:
-        for _ in range(_MOST):
-            taken = handle.take_message(kind, parse is not None)
-            if taken is None:
-                break
-            message, info = taken
-            take(parse(message) if parse else message, info)
+    try:
+        with handle:
+            while (item := handle.take_message(kind, raw)) is not None:
+                yield item
+    except (_rclpy.RCLError, _rclpy.InvalidHandle):
+        return

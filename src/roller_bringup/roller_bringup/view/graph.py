@@ -7,14 +7,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
@@ -30,6 +29,7 @@ from roller_core.last_resort import ends_within
 from roller_core.serialized_cloud import SerializedCloud
 from roller_ros import qos
 from roller_ros.images import image_to_array
+from roller_ros.polling import subscribe_quietly, waiting
 from roller_ros.refusals import init_ros
 
 from . import health
@@ -118,10 +118,7 @@ class Graph:
     def _subscribe(
         self, name: str, kind: Any, quality: QoSProfile, take: Callable[[list[bytes]], None]
     ) -> None:
-        none = SubscriptionEventCallbacks(use_default_callbacks=False)
-        subscription = self._node.create_subscription(
-            kind, name, lambda _: None, quality, raw=True, event_callbacks=none
-        )
+        subscription = subscribe_quietly(self._node, kind, name, quality, raw=True)
         self._subscriptions[name] = (subscription, take)
 
     def _run(self) -> None:
@@ -293,12 +290,4 @@ class Graph:
 
 def _take_some(subscription: Any) -> list[bytes]:
     """What waits, the oldest first."""
-    found: list[bytes] = []
-    handle, kind = subscription.handle, subscription.msg_type
-    try:
-        with handle:
-            while len(found) < _AT_ONCE and (item := handle.take_message(kind, True)) is not None:
-                found.append(item[0])
-    except (_rclpy.RCLError, _rclpy.InvalidHandle):
-        pass  # the graph is gone
-    return found
+    return [data for data, _ in islice(waiting(subscription, raw=True), _AT_ONCE)]

@@ -13,8 +13,6 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from event_camera_msgs.msg import EventPacket
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
@@ -25,10 +23,12 @@ from rclpy.qos import (
 )
 from sensor_msgs.msg import Image, PointCloud2
 
+from roller_core.watched_thread import WatchedThread
 from roller_recording.raw_message import RawMessage
-from roller_ros.polling import PERIOD_S, Polled
+from roller_ros.polling import PERIOD_S, Polled, subscribe_quietly, waiting
 from roller_ros.sources import publisher_of
 from roller_ros.topics import Topic
+from roller_ros.worker import end_process
 
 #: Most that is taken of a topic at once: what comes faster than it can be taken must not pile up.
 _MOST_BYTES = 50_000_000
@@ -65,13 +65,13 @@ class PolledSubscriptions:
         self._stop = threading.Event()
         asked = [(t, _patient(t)) for t in topics]
         self._subscriptions = [(t, qos, self._subscribe(t, qos)) for t, qos in asked]
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = WatchedThread("recording", self._run, self._stop, end_process)
         self._thread.start()
 
     def stop(self) -> None:
         """Take what has arrived and no more."""
-        self._stop.set()
-        self._thread.join()
+        self._thread.end()
+        self._poll(last=True)
 
     def match_publishers(self) -> None:
         """Ask for less where a publisher offers less; call this now and then.
@@ -91,22 +91,13 @@ class PolledSubscriptions:
                         break
 
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> Any:
-        # Event callbacks would make the executor wake for each message again.
-        none = SubscriptionEventCallbacks(use_default_callbacks=False)
-        return self._node.create_subscription(
-            topic.type,
-            topic.name,
-            lambda _: None,
-            qos,
-            raw=True,
-            callback_group=self._group,
-            event_callbacks=none,
+        return subscribe_quietly(
+            self._node, topic.type, topic.name, qos, raw=True, callback_group=self._group
         )
 
     def _run(self) -> None:
         while not self._stop.wait(PERIOD_S):
             self._poll()
-        self._poll(last=True)
 
     def _poll(self, last: bool = False) -> None:
         """Take all that has arrived; what arrived meanwhile is held, for the sake of order."""
@@ -128,17 +119,13 @@ class PolledSubscriptions:
 def _take_all(name: str, subscription: Any) -> list[RawMessage]:
     found: list[RawMessage] = []
     size = 0
-    handle, kind = subscription.handle, subscription.msg_type
-    try:
-        with handle:
-            while size < _MOST_BYTES and (item := handle.take_message(kind, True)) is not None:
-                data, info = item
-                size += len(data)
-                # Not every middleware says when a message arrived.
-                t_ns = info.get("received_timestamp") or time.time_ns()
-                found.append(RawMessage(t_ns, name, data, sender=publisher_of(info) or b""))
-    except (_rclpy.RCLError, _rclpy.InvalidHandle):
-        pass  # the subscription was replaced, or the graph is gone
+    for data, info in waiting(subscription, raw=True):
+        size += len(data)
+        # Not every middleware says when a message arrived.
+        t_ns = info.get("received_timestamp") or time.time_ns()
+        found.append(RawMessage(t_ns, name, data, sender=publisher_of(info) or b""))
+        if size >= _MOST_BYTES:
+            break
     return found
 
 
