@@ -86,9 +86,16 @@ class DeadTime:
         """Take events in order of time; whether there is a dead time that may matter.
 
         Events that were taken before, as of overlapping windows, start anew.
+
+        Raises
+        ------
+        EventArrayError
+            If one lies outside the image.
         """
         if not len(events):
             return self.ns > 0
+        height, width = self._shape
+        events.check_inside(width, height)
         if events.t_ns[0] < self._newest_ns:
             self._measured[:] = self._last[:] = _NEVER_NS
         self._newest_ns = int(events.t_ns[-1])

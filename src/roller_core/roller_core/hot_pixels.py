@@ -27,7 +27,13 @@ def count_events(events: EventArray, counts: npt.NDArray[np.float32]) -> None:
         Events inside the image.
     counts : ndarray of float32, shape (height, width)
         Counted into.
+
+    Raises
+    ------
+    EventArrayError
+        If one lies outside the image.
     """
+    events.check_inside(counts.shape[1], counts.shape[0])
     _count(events.x, events.y, counts)
 
 

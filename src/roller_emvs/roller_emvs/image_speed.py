@@ -33,6 +33,8 @@ _MOST_FAR = 3
 _LEEWAY = 0.03
 #: Bins along and across the motion, px.
 _BINS_PX = np.array([2.0, 8.0])
+#: Bins of an image at most: some thousand times as many as of one that moves as it should.
+_MOST_BINS = 2.0**23
 #: A share is believed when it is sharper than chance by so many standard deviations, and slipping
 #: when it is so many times as sharp as all that would be rolling.
 _SURE, _CLEARER = 8.0, 1.5
@@ -134,7 +136,10 @@ def _sharpness_by_share(
     """
     n, most = len(signs), float(np.abs(shares).max())
     margin = [float(max(-moved.min(), moved.max())) * most + 2.0 for moved in rays[2:]]
-    columns, rows = np.ceil((size + 2 * np.array(margin)) / _BINS_PX).astype(np.int64)
+    wanted = (size + 2 * np.array(margin)) / _BINS_PX
+    if not float(wanted.prod()) < _MOST_BINS:  # poses that jump by metres; NaN fails it too
+        return np.zeros(len(shares))
+    columns, rows = np.ceil(wanted).astype(np.int64)
     bins = rays.copy()
     bins[0] += margin[0]
     bins[1] += margin[1]

@@ -69,6 +69,7 @@ class HeightMapper:
         list of int
             Strips that the scan has passed, in order; `strip` gives them.
         """
+        patch = _finite(patch)
         if not len(patch):
             return []
         if self.base_from_map is None:
@@ -198,3 +199,11 @@ class HeightMapper:
             moved[0] += (k - first) * self.length_m
             parts.append(moved)
         return np.concatenate(parts, axis=1)
+
+
+def _finite(patch: Patch) -> Patch:
+    """A patch's points that lie somewhere: one that doesn't would take the map's frame with it."""
+    good = np.isfinite(patch.points).all(axis=1) & np.isfinite(patch.sigma)
+    if good.all():
+        return patch
+    return Patch(patch.points[good], patch.height[good], patch.confidence[good], patch.sigma[good])

@@ -79,8 +79,10 @@ def sweep_maximum(
     """
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
-    bands, limits = _bands(rays, inverse, shape, BAND_ROWS, 0, threads)
     votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
+    if shape[1] < 2:  # a vote is shared by two columns
+        return votes, index
+    bands, limits = _bands(rays, inverse, shape, BAND_ROWS, 0, threads)
 
     def run(first: int) -> None:
         best = np.empty((BAND_ROWS, shape[1]), np.float32)

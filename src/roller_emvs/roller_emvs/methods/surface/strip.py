@@ -30,6 +30,8 @@ Chains = tuple[F64, npt.NDArray[np.int32], npt.NDArray[np.int64]]
 #: Slopes beyond those of the first pose that still count, as far as a camera may tilt in a pass:
 #: 20° and more. The steepest of all, 76°.
 _MORE_SLOPE, _STEEPEST = 0.5, 4.0
+#: Longest time between poses in which an event's time fits 32 bits, ns.
+_LONGEST_STEP_NS = 2_000_000_000
 #: Size of the grid's pixels at most, in that of the camera's on the nearest surface.
 _COARSEST = 1.05
 #: A surface that lies so much further or nearer than assumed was seen from other slopes; depths
@@ -146,6 +148,13 @@ class Strip:
 
     def add(self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64) -> None:
         """Take the events between two poses, given in the strip."""
+        if t1 - t0 > _LONGEST_STEP_NS:
+            middle = t0 + (t1 - t0) // 2
+            pose = pose0 + (middle - t0) / (t1 - t0) * (pose1 - pose0)
+            before = int(np.searchsorted(events.t_ns, middle))
+            self.add(events[:before], t0, middle, pose0, pose)
+            self.add(events[before:], middle, t1, pose, pose1)
+            return
         s = self.settings
         self._travel_m += float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
         self._travel_ns += t1 - t0
