@@ -38,6 +38,20 @@ def inspect(patches: list[Patch], **settings: object) -> Found:
     return inspector.finish()
 
 
+def test_a_point_that_is_nowhere_takes_nothing_with_it() -> None:
+    """The first ones tell the map's frame."""
+    patches = list(scan(flat))
+    whole = inspect(patches).height_map
+    points = patches[0].points.copy()
+    points[0] = np.nan
+    lacking = inspect([replace(patches[0], points=points), *patches[1:]]).height_map
+    assert whole is not None
+    assert lacking is not None
+    assert (lacking.state == MEASURED).sum() >= (whole.state == MEASURED).sum() - 1
+    nowhere = replace(patches[0], points=np.full_like(points, np.nan))
+    assert inspect([nowhere]).height_map is None
+
+
 def test_a_clean_plane_has_no_findings_and_a_dent_has_its_figures() -> None:
     assert inspect(scan(flat)).findings == ()
     found = inspect(scan(dent((0.015, 0.001), 1.5e-3, 2e-4)))
