@@ -290,7 +290,7 @@ def test_the_warning_ends_with_it_and_an_end_says_what_waited(domain, capsys, mo
         with node._working:  # its worker can't begin
             for number in range(3):
                 node._worker.submit((outputs.EVENTS, packet(number)))
-            node._worker._stop = True
+            node._worker._stop.set()
     finally:
         node.destroy_node()
         context.try_shutdown()

@@ -66,7 +66,7 @@ class EventArray:
         """
         return cls(
             _whole("x", x, np.uint16), _whole("y", y, np.uint16), _whole("t_ns", t_ns, np.int64),
-            _whole("p", p, np.uint8),
+            _whole("p", p, np.uint8, 1, "0 for OFF and 1 for ON"),
         )  # fmt: skip
 
     @classmethod
@@ -139,12 +139,21 @@ class EventArray:
         return self[np.argsort(self.t_ns, kind="stable")]
 
 
-def _whole(name: str, values: npt.ArrayLike, dtype: type[np.integer]) -> npt.NDArray[Any]:
-    """Values as a field's type; numpy would make some pixel or time of NaN, -1 or 70,000."""
+def _whole(
+    name: str,
+    values: npt.ArrayLike,
+    dtype: type[np.integer],
+    most_allowed: int | None = None,
+    wanted: str = "",
+) -> npt.NDArray[Any]:
+    """Values as a field's type; numpy would make some pixel or time of NaN, -1 or 70,000.
+
+    A field may hold less than its type, which `wanted` then says.
+    """
     array = np.asarray(values)
-    low, high = (0, 1) if name == "p" else (np.iinfo(dtype).min, np.iinfo(dtype).max)
-    if array.size and (name == "p" or not np.can_cast(array.dtype, dtype)):
-        wanted = "0 for OFF and 1 for ON" if name == "p" else f"whole numbers from {low} to {high}"
+    low, high = np.iinfo(dtype).min, most_allowed or np.iinfo(dtype).max
+    if array.size and (most_allowed or not np.can_cast(array.dtype, dtype)):
+        wanted = wanted or f"whole numbers from {low} to {high}"
         if array.dtype.kind not in "buif":
             raise EventArrayError(f"event field '{name}' is {array.dtype}; expected {wanted}")
         least, most = array.min(), array.max()

@@ -37,12 +37,12 @@ def kernel_digest(function: FunctionType) -> str:
     """
     found, seen, left = hashlib.sha256(), {function}, [function]
     while left:
-        code, names = left.pop(), set[str]()
-        for each in _codes(code.__code__):
+        kernel, names = left.pop(), set[str]()
+        for each in _codes(kernel.__code__):
             plain = [_plain(c) for c in each.co_consts if not isinstance(c, CodeType)]
             found.update(each.co_code + repr((each.co_names, each.co_varnames, plain)).encode())
             names.update(each.co_names)
-        for name, value in _read(code.__globals__, names):
+        for name, value in _read(kernel.__globals__, names):
             if isinstance(value, Dispatcher):
                 options = [(k, _plain(v)) for k, v in sorted(value.targetoptions.items())]
                 found.update(repr((name, options)).encode())

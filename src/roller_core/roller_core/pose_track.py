@@ -185,8 +185,8 @@ class PoseTrack:
             raise PoseValueError(
                 f"poses have the times {t[0]} to {t[-1]}; expected nanoseconds, whole numbers"
             )
-        for each in zip(t.tolist(), p, q, strict=True):
-            self.append(int(each[0]), *each[1:])
+        for each_ns, position, quaternion in zip(t.tolist(), p, q, strict=True):
+            self.append(int(each_ns), position, quaternion)
 
     def assign(self, other: PoseTrack) -> None:
         """Take the poses of another track in place of one's own."""

@@ -122,13 +122,11 @@ class SensorFrames:
         """
         smoother: StampSmoother[tuple[F64, F64]] = StampSmoother(self._smoother.neighbours)
         given = PoseTrack(track.max_gap_s)
-        for t_ns, *pose in zip(
-            track.times_ns.tolist(), track.positions, track.quaternions, strict=True
-        ):
-            for out_ns, (p, q) in smoother.push(t_ns, (pose[0], pose[1])):
-                given.append(out_ns, p, q)
-        for out_ns, (p, q) in smoother.finish():
-            given.append(out_ns, p, q)
+        poses = zip(track.positions, track.quaternions, strict=True)
+        smoothed = [out for t_ns, pose in zip(track.times_ns.tolist(), poses, strict=True)
+                    for out in smoother.push(t_ns, pose)]  # fmt: skip
+        for t_ns, (p, q) in smoothed + smoother.finish():
+            given.append(t_ns, p, q)
         self.track.assign(given)
         self._given = given
         if len(track):

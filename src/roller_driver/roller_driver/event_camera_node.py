@@ -288,7 +288,7 @@ class EventCameraNode(RollerNode, LifecycleNode):
 
     def _health(self, s: reader.ReaderStatus, faults: bool, dropped: int) -> tuple[bytes, str]:
         """The worst that is the matter."""
-        jumped = self._growth.of("clock steps", self._clock_map.steps)
+        jumped = self._growth.of("clock steps", self._clock_map.steps) > 0
         lost = self._growth.of("dropped packets", dropped)
         if s.state == reader.SEARCHING:
             return diagnostics.ERROR, s.fault or "looking for the camera"

@@ -140,7 +140,7 @@ class Ur10Node(RollerNode):
         """The worst that is the matter."""
         p, grown = self._p, self._growth.of
         missed, no_numbers = grown("missed", s.missed), grown("not finite", s.not_finite)
-        jumped = grown("clock steps", self._clock_map.steps)
+        jumped = grown("clock steps", self._clock_map.steps) > 0
         contact = self._contact.verdict()
         if s.state == SEARCHING:
             return diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"

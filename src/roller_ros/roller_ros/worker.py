@@ -9,6 +9,8 @@ from typing import Generic, TypeVar
 
 from rclpy.task import Future
 
+from roller_core.watched_thread import WatchedThread
+
 from .backlog import Backlog, Bulk
 
 T = TypeVar("T")
@@ -64,12 +66,12 @@ class Worker(Generic[T]):
         self._settled = settled
         self.backlog = backlog
         self._ready = threading.Condition()
-        self._stop = False
+        self._stop = threading.Event()
         self._busy = False
         #: Whether nothing has come since the work was done that is done when nothing comes.
         self.idle = True
         self._came = 0  # items that keep awake
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = WatchedThread("worker", self._work, self._stop, end_process)
         self._thread.start()
 
     def submit(self, item: T, keeps_awake: bool = True, bulk: Bulk | None = None) -> None:
@@ -111,17 +113,9 @@ class Worker(Generic[T]):
     def stop(self) -> None:
         """Finish the item at hand and end; what waits is dropped."""
         with self._ready:
-            self._stop = True
+            self._stop.set()
             self._ready.notify()
-        self._thread.join(timeout=ENDS_WITHIN_S)
-
-    def _run(self) -> None:
-        try:
-            self._work()
-        except BaseException as error:  # also a panic of a library in Rust, which is no Exception
-            if self._stop:
-                return  # the node is gone, what was being published could not be
-            end_process(error)
+        self._thread.end(ENDS_WITHIN_S)
 
     def _work(self) -> None:
         # Idle time is the sum of short waits in vain, each counted as no longer than it was to be,
@@ -130,9 +124,9 @@ class Worker(Generic[T]):
         while True:
             begun = time.monotonic()
             with self._ready:
-                if not self.backlog and not self._stop:
+                if not self.backlog and not self._stop.is_set():
                     self._ready.wait(_WAIT_S)
-                if self._stop:
+                if self._stop.is_set():
                     return
                 entry = self.backlog.take()
                 self._busy = entry is not None
