@@ -72,8 +72,10 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     assert int(depth["lost_packets"]) == 0
     assert int(depth["dropped_events"]) == 0
     assert seen.received["/roller/braille/cells"] == 4
-    # Of depth maps the observer takes the cameras, not their megabytes; the last comes again.
-    assert seen.received["/roller/depth/camera_info"] == int(depth["windows"]) + 1
+    assert written["totals"]["depth_windows"] == int(depth["windows"])
+    # Of depth maps the observer takes the cameras, not their megabytes; the last comes again. No
+    # scan waits for it, so on busy cores it may miss the first.
+    assert 1 <= seen.received["/roller/depth/camera_info"] <= int(depth["windows"]) + 1
     assert "/roller/depth/image" not in seen.received
     for status in ("virtual_cell: scan", "braille: text"):
         check_keys(status, seen.statuses[status][1])

@@ -17,8 +17,9 @@ from .node import RollerNode
 from .work_left import WorkLeft
 
 #: How long no subscriber may have come before a scan begins, s: the other side needs a moment to
-#: know of the publisher, and a node subscribes to its topics one by one.
-SETTLE_S = 1.0
+#: know of the publisher, and a node subscribes to its topics one by one. DDS tells of an endpoint
+#: again after a second, where what told of it was lost.
+SETTLE_S = 1.5
 #: Time others have at least to finish before the node that played ends, s; for how long none may
 #: have said that work is left; and how long they have at most.
 LINGER_S, QUIET_S, MOST_S = 4.0, 2.5, 120.0
