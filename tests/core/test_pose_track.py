@@ -97,6 +97,9 @@ def test_refusals_name_the_reason() -> None:
         track.append(EPOCH_NS, [0, 0, 0], IDENTITY)
     with pytest.raises(PoseValueError):
         track.append(track.end_ns + 1, [np.nan, 0, 0], IDENTITY)
+    for far_m in (1e10, -1e200):
+        with pytest.raises(PoseValueError, match="m away, farther than any robot; is it in metres"):
+            track.append(track.end_ns + 1, [0, far_m, 0], IDENTITY)
     with pytest.raises(PoseValueError):
         track.append(track.end_ns + 1, [0, 0, 0], [0, 0, 0, 0])
     end = track.end_ns

@@ -14,6 +14,11 @@ from .transforms import F64, pose_matrix, slerp
 
 I64 = npt.NDArray[np.int64]
 
+#: No arm moves its tool faster, m/s; what does comes from somewhere else.
+FASTEST_M_S = 5.0
+#: Places further from base than this are rounded to more than a micrometre, m.
+_FARTHEST_M = 1e10
+
 
 class PoseError(RollerError):
     """A pose that can't be had or used."""
@@ -53,7 +58,7 @@ class PoseJumpError(PoseError):
 
 
 class PoseValueError(PoseError):
-    """A pose that is not finite or has no valid rotation."""
+    """A pose that is not finite, lies farther off than any robot or has no valid rotation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +129,7 @@ class PoseTrack:
         PoseOrderError
             If it is older than the newest pose.
         PoseValueError
-            If it is not finite or its quaternion is zero.
+            If it is not finite, lies beyond all robots or its quaternion is zero.
         """
         p = np.asarray(position, dtype=np.float64)
         q = unit_pose(t_ns, p, quaternion)
@@ -333,11 +338,16 @@ def unit_pose(t_ns: int, position: F64, quaternion: npt.ArrayLike) -> F64:
     Raises
     ------
     PoseValueError
-        If the pose is not finite or its quaternion is zero.
+        If the pose is not finite, lies beyond all robots or its quaternion is zero.
     """
     # In plain Python: this runs for every pose of every stage.
     if not all(map(math.isfinite, position)):
         raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s is not finite; it is left out")
+    if not max(map(abs, position)) < _FARTHEST_M:
+        raise PoseValueError(
+            f"pose at {t_ns * 1e-9:.6f} s is {max(map(abs, position)):.3g} m away, farther than "
+            "any robot; is it in metres? It is left out"
+        )
     x, y, z, w = map(float, np.asarray(quaternion))
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if not math.isfinite(length) or length < 1e-9:

@@ -13,12 +13,11 @@ from .frame_settings import DEFAULT_SMOOTHING
 from .frame_transforms import FixedFrames, Transform
 from .passes import REST_M
 from .pose_smoothing import StampSmoother
-from .pose_track import PoseJumpError, PoseOrderError, PoseTrack, unit_pose
+from .pose_track import FASTEST_M_S, PoseJumpError, PoseOrderError, PoseTrack, unit_pose
 from .timing_settings import DEFAULT_MAX_POSE_GAP_S
 from .transforms import F64, matrix_to_quaternion
 
-#: No arm moves its tool faster; what does comes from somewhere else.
-_FASTEST_M_S = 5.0
+#: What places scatter by, m.
 _SLACK_M = 1e-3
 #: A pose this much later is believed wherever it is, ns.
 _BELIEVED_AFTER_NS = 500_000_000
@@ -232,7 +231,7 @@ class SensorFrames:
         away = math.dist(position, self._newest[1])
         if not 0 <= elapsed_ns < _BELIEVED_AFTER_NS:
             return False
-        if away <= _SLACK_M + _FASTEST_M_S * elapsed_ns * 1e-9:
+        if away <= _SLACK_M + FASTEST_M_S * elapsed_ns * 1e-9:
             return False
         self.counts.jumps += 1
         if abs(t_ns - self._jump_told_ns) >= _TOLD_AGAIN_NS:

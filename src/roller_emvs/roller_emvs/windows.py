@@ -14,18 +14,16 @@ from roller_core.errors import RollerError
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.outputs import CONTACT, Output, Result, ScanFault
-from roller_core.passes import REST_M, rest_begin
+from roller_core.passes import REST_M
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import F64
 from roller_core.window_account import WindowAccount
 
 from .depth_settings import DepthSettings
+from .window_ends import LEAST_TRAVEL, WindowEnd, end_by_travel
 
-#: Share of a window that the last one must have, by rule: travel that short gives a depth still.
-_LEAST_SHARE = {"travel": 0.4, "time": 0.5}
-#: Share of a window by travel from which it ends where the sensor turns back: what windows under a
-#: printed texture repeat. One that comes back by so much, m, has turned.
-_TURN_SHARE, _TURNED_M = 0.25, 1e-3
+#: Share of a window that the last one must have, by rule.
+_LEAST_SHARE = {"travel": LEAST_TRAVEL, "time": 0.5}
 
 
 @dataclass(frozen=True)
@@ -91,8 +89,7 @@ class WindowCutter(EventCutter):
         self.textured = False
         # What the end by travel was last looked for with, and what was found.
         self._travel_of = (0, 0)
-        self._travel: tuple[int | None, int, float, str] = (None, 0, 0.0, "")
-        self._rest_ns: int | None = None  # where that end is, if the sensor came to rest there
+        self._travel = WindowEnd(None, 0, 0.0)
         #: Whether the last window ended where the sensor came to rest; and the place.
         self.at_rest = False
         self._rested_at: F64 | None = None
@@ -123,15 +120,14 @@ class WindowCutter(EventCutter):
             found = self._find_end(start, flush)
             if found is None:
                 return None
-            end, following, reason = found
-            self.at_rest = end == self._rest_ns
-            window = self._take(start, end, following)
+            end, following, reason, fault = found
+            self.at_rest = self._travel.at_rest and end == self._travel.end_ns
+            window = self._take(start, end, following, placed=fault is None)
             if self._in_gap(start, end):
                 self.left_out += 1
                 continue
             if not len(window.events) and not reason:
                 continue  # nothing happened; go on to the next
-            fault = None
             try:
                 self._track.check(start, end)
             except PoseError as error:
@@ -175,109 +171,51 @@ class WindowCutter(EventCutter):
     def _length_ns(self) -> int:
         return round(self._settings.window.time_s * 1e9)
 
-    def _find_end(self, start: int, flush: bool) -> tuple[int, int, str] | None:
-        """End of the window, start of the one after, and why it is refused, if it is."""
+    def _find_end(self, start: int, flush: bool) -> tuple[int, int, str, RollerError | None] | None:
+        """End of the window, start of the one after, why it is refused, and whose fault it is."""
         s = self._settings
         # The newest pose tells how bent the way to the one before it was.
         track_end = int(self._track.times_ns[-1 if flush else -2])
         last = min(self._queue.newest_ns + 1, track_end)
         if s.window_rule == "all":
-            return (last, last, "") if flush and last > start else None
+            return (last, last, "", None) if flush and last > start else None
         if s.window_rule == "time":
             end = start + self._length_ns()
             following = start + round(self._length_ns() * (1 - s.window_overlap))
-            share = (last - start) / self._length_ns()
-            reason = ""
+            found = WindowEnd(end, following, (last - start) / self._length_ns())
         else:
             known = start, self._track.end_ns
             if flush or self._travel_of != known:  # packets come more often than poses
                 self._travel_of, self._travel = known, self._travel_end(start, last)
-            end_or_none, following, share, reason = self._travel
-            end = end_or_none if end_or_none is not None else 2**63 - 1
+            found = self._travel
+        end = found.end_ns if found.end_ns is not None else 2**63 - 1
         if end <= track_end and end <= self._queue.newest_ns:
-            return end, following, reason
+            return end, found.following_ns, found.reason, found.fault
         if not flush:
             return None
         if last <= start:
             self._drop_unplaced()
             return None
         if end <= track_end and end <= last:
-            return end, following, reason
-        enough = share >= _LEAST_SHARE[s.window_rule]
-        short = "" if enough else f"the last {share:.0%} of a window is too short"
-        return last, 2**63 - 1, short
+            return end, found.following_ns, found.reason, found.fault
+        if found.fault is not None and found.end_ns is None:
+            return last, 2**63 - 1, found.reason, found.fault
+        enough = found.share >= _LEAST_SHARE[s.window_rule]
+        short = "" if enough else f"the last {found.share:.0%} of a window is too short"
+        return last, 2**63 - 1, short, None
 
-    def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:
-        """End, following start, share reached and refusal of a window by travel."""
+    def _travel_end(self, start: int, last: int) -> WindowEnd:
+        """Where a window by travel ends."""
         s = self._settings
-        self._rest_ns = None
-        travel_m, step_m = s.travel_and_step_m(self.textured)
-        limit = start + round(s.max_still_s * 1e9)
-        try:
-            origin = self._track.at(start).position
-        except PoseError as error:
-            # A gap: restart at the first pose after it.
-            times = self._track.times_ns
-            later = times[np.searchsorted(times, start, side="right") :]
-            return int(later[0]), int(later[0]), 0.0, str(error)
-        times = self._track.times_ns
-        first = int(np.searchsorted(times, start, side="right"))
-        times = times[first:]
-        away = np.linalg.norm(self._track.positions[first:] - origin, axis=1)
-        end = self._reach(start, times, away, travel_m)
-        # A scan may end here. Noise goes on, so that no lack of events tells that it did.
-        rest = self._rest_after(times, away, _LEAST_SHARE["travel"] * travel_m)
-        if rest is not None and rest <= limit and (end is None or rest < end):
-            self._rest_ns = rest
-            return rest, rest, 1.0, ""
-        # What both ways show of a wall isn't in one place: pixels are late on either side of it.
-        turn = self._turn_after(times, away, _TURN_SHARE * travel_m)
-        if turn is not None and turn <= limit and (end is None or turn < end):
-            return turn, turn, 1.0, ""
-        if end is not None and end <= limit:
-            following = self._reach(start, times, away, step_m) if step_m < travel_m else end
-            return end, following or end, 1.0, ""
-        if self._track.end_ns >= limit:
-            return (
-                limit,
-                limit,
-                0.0,
-                (
-                    f"the sensor moved less than {travel_m * 1e3:g} mm "
-                    f"in {s.max_still_s:g} s: no parallax, no depth"
-                ),
-            )
-        within = away[times <= last]
-        return None, limit, float(within.max() / travel_m) if len(within) else 0.0, ""
+        return end_by_travel(
+            self._track, start, last, *s.travel_and_step_m(self.textured), s.max_still_s
+        )
 
-    def _rest_after(self, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:
-        """Time at which the sensor came to rest after it was a distance from the start."""
-        far = np.flatnonzero(away >= travel)
-        if not len(far):
-            return None
-        k = rest_begin(times[far[0] :], self._track.positions[-len(times) + far[0] :])
-        return int(times[far[0] + k]) if k is not None else None
+    def _take(self, start: int, end: int, following: int, placed: bool) -> Window:
+        """Take the window's events and forget all before the window that follows.
 
-    @staticmethod
-    def _turn_after(times: np.ndarray, away: np.ndarray, travel: float) -> int | None:
-        """Time at which the sensor turned back after it was a distance from the start."""
-        farthest = np.maximum.accumulate(away)
-        back = np.flatnonzero((farthest >= travel) & (away < farthest - _TURNED_M))
-        return int(times[np.argmax(away[: back[0]])]) if len(back) else None
-
-    @staticmethod
-    def _reach(start: int, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:
-        """Time at which the distance from the start first reaches `travel`."""
-        reached = np.flatnonzero(away >= travel)
-        if not len(reached):
-            return None
-        k = int(reached[0])
-        t0, d0 = (start, 0.0) if k == 0 else (int(times[k - 1]), float(away[k - 1]))
-        share = (travel - d0) / (float(away[k]) - d0)
-        return t0 + max(round(share * (int(times[k]) - t0)), 1)
-
-    def _take(self, start: int, end: int, following: int) -> Window:
-        """Take the window's events and forget all before the window that follows."""
+        Those of wrong poses aren't `placed`: what they say of pixels is as wrong.
+        """
         self._queue.drop_before(start)
         taken = self._queue.first(self._queue.count_before(end))
         if following < 2**62:
@@ -287,7 +225,7 @@ class WindowCutter(EventCutter):
             self._start_ns = None
             self._queue.drop_before(end)
             self._drop_unplaced()
-        events = self._placed(taken, start, end)
+        events = self._placed(taken, start, end) if placed else taken
         self.repeated = int(np.searchsorted(events.t_ns, self._taken_to_ns))
         # A window that ends at a gap may end before the one before it.
         taken_to = max(self._taken_to_ns, end)
