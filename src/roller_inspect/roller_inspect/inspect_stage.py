@@ -253,6 +253,7 @@ class InspectStage(Stage[InspectParameters]):
     def _conclude(self, inspector: SurfaceInspector) -> Result:
         """Finish the part; the next point begins another."""
         found = inspector.finish()
+        self._part_points.left_out += found.left_out
         coverage, lacking = coverage_of_area(self.recipe, found)
         judgement = judge(
             self.recipe, found.findings, coverage, found.faults,

@@ -51,6 +51,8 @@ class Found:
     last: tuple[Piece, ...] = ()
     #: As of a `Piece`.
     shares: F32 | None = None
+    #: Points that were left out: nowhere, or further from the others than any of a part.
+    left_out: int = 0
 
 
 class Whole:
@@ -107,7 +109,9 @@ def _shares(piece: Piece) -> F32:
 def within(pieces: list[Piece], whole: HeightMap) -> list[Piece]:
     """What of pieces lies where a map isn't outside of what was scanned."""
     x = whole.x_m[(whole.state != OUTSIDE).any(axis=0)]
-    out = []
+    out: list[Piece] = []
+    if not len(x):
+        return out
     for piece in pieces:
         ends = x[0] - whole.step_m / 2, x[-1] + whole.step_m / 2
         first, end = np.searchsorted(piece.height_map.x_m, ends)

@@ -87,8 +87,13 @@ class SurfaceInspector:
         self._whole = Whole(settings.height_map.max_cells)
         self._worst: Alignment | None = None
 
+    @property
+    def left_out(self) -> int:
+        """Points that are nowhere, or further from the others than any of a part."""
+        return self._mapper.left_out
+
     def add(self, patch: Patch) -> list[Piece]:
-        """Take points.
+        """Take points; those that can't be of the part are left out, counted.
 
         Returns
         -------
@@ -129,7 +134,7 @@ class SurfaceInspector:
         self._set(tuple(self._gone))
         return Found(
             trimmed, deviation, self.findings, self._worst, coverage, tuple(self._faults),
-            tuple(last), shares,
+            tuple(last), shares, self.left_out,
         )  # fmt: skip
 
     def _mapped(self) -> list[int]:

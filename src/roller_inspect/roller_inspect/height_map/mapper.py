@@ -15,6 +15,7 @@ from .complete import complete
 from .height_map import HeightMap, centres
 from .map_frame import find_frame
 from .map_settings import HeightMapSettings
+from .part_extent import PartExtent, main_body
 
 #: Length of a strip, and what a strip is completed with on either side, m.
 STRIP_M, OVERLAP_M = 8e-3, 2e-3
@@ -40,6 +41,11 @@ class HeightMapper:
     """Makes the height map strip by strip.
 
     The map's frame, `base_from_map`, is found from the first points.
+
+    Attributes
+    ----------
+    left_out : int
+        Points that are nowhere, or further from the others than any of a part.
     """
 
     def __init__(self, settings: HeightMapSettings) -> None:
@@ -49,6 +55,8 @@ class HeightMapper:
         self._overlap = max(1, round(OVERLAP_M / settings.grid_m))
         self._waiting: list[Patch] = []
         self._strips: dict[int, _Strip] = {}
+        self._extent = PartExtent()
+        self.left_out = 0
 
     @property
     def length_m(self) -> float:
@@ -69,7 +77,10 @@ class HeightMapper:
         list of int
             Strips that the scan has passed, in order; `strip` gives them.
         """
-        patch = _finite(patch)
+        good = np.isfinite(patch.points).all(axis=1) & np.isfinite(patch.sigma)
+        self.left_out += int((~good).sum())
+        # One that is nowhere would take the map's frame with it.
+        patch = _chosen(patch, good)
         if not len(patch):
             return []
         if self.base_from_map is None:
@@ -77,9 +88,12 @@ class HeightMapper:
             if not self._find_frame(enough=False):
                 return []
             waiting, self._waiting = self._waiting, []
-            spans = [self._take(each) for each in waiting]
+            spans = [span for each in waiting if (span := self._take(each)) is not None]
         else:
-            spans = [self._take(patch)]
+            span = self._take(patch)
+            spans = [] if span is None else [span]
+        if not spans:
+            return []
         low, high = spans[-1]
         margin = self._overlap / self.columns
         passed = [
@@ -134,33 +148,22 @@ class HeightMapper:
         return {k: whole.cropped(slice(at, at + n), slice(None)) for k, at in starts.items()}
 
     def _find_frame(self, enough: bool) -> bool:
-        points = np.concatenate([patch.points for patch in self._waiting])
-        points = points[np.isfinite(points).all(axis=1)]
-        if not len(points):
-            return False
-        motion = self._motion()
+        kept = main_body(np.concatenate([patch.points for patch in self._waiting]).T)
+        ends = np.cumsum([len(patch) for patch in self._waiting])
+        each = zip(self._waiting, np.split(kept, ends[:-1]), strict=True)
+        body = [_chosen(patch, which) for patch, which in each if which.any()]
+        points = np.concatenate([patch.points for patch in body])
+        motion = _motion(body)
         if not enough and (len(points) < _START_POINTS or np.linalg.norm(motion) < _START_M):
             return False
-        first = self._waiting[0]
-        surface_z_m = float(np.median(first.points[:, 2] - first.height))
+        surface_z_m = float(np.median(body[0].points[:, 2] - body[0].height))
         self.base_from_map = find_frame(points, motion, round(surface_z_m, 9))
+        self.left_out += len(kept) - len(points)
+        self._waiting = body
         return True
 
-    def _motion(self) -> F64:
-        """How far the points moved from the first patch to the last, by regression."""
-        count = np.array([len(patch) for patch in self._waiting])
-        number = np.flatnonzero(count >= _LEAST_PATCH * count.max())
-        used = [self._waiting[k] for k in number]
-        count = count[number]
-        centred = number - number @ count / count.sum()
-        spread = float(centred**2 @ count)
-        if not spread:
-            return np.zeros(3)
-        totals = np.array([patch.points.sum(axis=0) for patch in used])
-        return np.asarray(centred @ totals / spread * (number[-1] - number[0]))
-
-    def _take(self, patch: Patch) -> tuple[int, int]:
-        """Points to their strips; first and last strip touched."""
+    def _take(self, patch: Patch) -> tuple[int, int] | None:
+        """Points to their strips; first and last strip touched, None where none was."""
         map_from_base = inverse_pose(self.frame)
         # By axis: the rows are short, and each would cost a loop of its own.
         local = np.empty((4, len(patch)))
@@ -169,8 +172,11 @@ class HeightMapper:
         good = np.isfinite(local).all(axis=0)
         if not good.all():
             local = local.compress(good, axis=1)
+        if local.size and (near := self._extent.take(local[:3])) is not None:
+            local = local.compress(near, axis=1)
+        self.left_out += len(patch) - local.shape[1]
         if not local.size:
-            return (0, -1)
+            return None
         number = np.floor(local[0] / self.length_m).astype(np.int64)
         touched = np.unique(number)
         for k in touched.tolist():
@@ -201,9 +207,22 @@ class HeightMapper:
         return np.concatenate(parts, axis=1)
 
 
-def _finite(patch: Patch) -> Patch:
-    """A patch's points that lie somewhere: one that doesn't would take the map's frame with it."""
-    good = np.isfinite(patch.points).all(axis=1) & np.isfinite(patch.sigma)
-    if good.all():
+def _motion(patches: list[Patch]) -> F64:
+    """How far the points moved from the first patch to the last, by regression."""
+    count = np.array([len(patch) for patch in patches])
+    number = np.flatnonzero(count >= _LEAST_PATCH * count.max())
+    used = [patches[k] for k in number]
+    count = count[number]
+    centred = number - number @ count / count.sum()
+    spread = float(centred**2 @ count)
+    if not spread:
+        return np.zeros(3)
+    totals = np.array([patch.points.sum(axis=0) for patch in used])
+    return np.asarray(centred @ totals / spread * (number[-1] - number[0]))
+
+
+def _chosen(patch: Patch, which: npt.NDArray[np.bool_]) -> Patch:
+    """Some points of a patch; mostly they are all."""
+    if which.all():
         return patch
-    return Patch(patch.points[good], patch.height[good], patch.confidence[good], patch.sigma[good])
+    return Patch(patch.points[which], *(v[which] for v in patch.properties()))
