@@ -80,6 +80,11 @@ def link_share(source: Path, share: Path) -> None:
     """Put a package where ROS 2 looks for it: the ament index and share/<package>.
 
     Links, so that a changed launch file or parameter counts at once.
+
+    Raises
+    ------
+    SetupError
+        If something of someone else's is where a link belongs; it stays.
     """
     name = source.name
     links = {
@@ -93,8 +98,34 @@ def link_share(source: Path, share: Path) -> None:
         if link.is_symlink() and os.readlink(link) == str(target):
             continue
         link.parent.mkdir(parents=True, exist_ok=True)
-        if link.is_symlink() or link.is_file():
-            link.unlink()
-        elif link.is_dir():
-            shutil.rmtree(link)
+        clear(link, target)
         link.symlink_to(target)
+
+
+def clear(link: Path, target: Path) -> None:
+    """Make room for a link: an older link or an empty folder goes, and a copy of the target.
+
+    Raises
+    ------
+    SetupError
+        If something else is there, which isn't ours to remove.
+    """
+    if link.is_symlink():
+        link.unlink()
+        return
+    if not link.exists():
+        return
+    if link.is_dir() and not any(link.iterdir()):
+        link.rmdir()
+    elif (
+        link.is_file()
+        and target.is_file()
+        and not link.samefile(target)
+        and link.read_bytes() == target.read_bytes()
+    ):
+        link.unlink()
+    else:
+        raise SetupError(
+            f"{link} is not of our making, and a link to {target} belongs there: move it away, "
+            "then run `make setup` again"
+        )
