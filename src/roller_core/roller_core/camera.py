@@ -25,6 +25,12 @@ _MAX_MISS_PX = 0.1
 #: Largest side of an image, px: what addresses of 11 bits reach; event cameras have half of that.
 #: Tables and volumes grow with it.
 _MOST_PX = 2048
+#: Focal lengths of what is a camera: from a fisheye of few pixels to a field of view of 6° over the
+#: largest image; and how many times one is the other at most, where pixels are square. Else a grid
+#: on the surface, of the finer pixels, would have more of them than any memory.
+_FOCAL_PX, _ASPECT = (1.0, 2e4), 3.0
+#: A part of a sensor has the optical axis elsewhere on it, px, and no further.
+_MOST_OFF_PX = 2 * _MOST_PX
 _ITERATE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
@@ -79,6 +85,7 @@ class Camera:
                 f"focal length {self.fx:g}, {self.fy:g} px is not positive; "
                 "is the camera calibrated?"
             )
+        self._check_optics()
         if self.model not in _COEFFICIENTS:
             raise CameraError(
                 f"distortion model '{self.model}' isn't known; known are {', '.join(_COEFFICIENTS)}"
@@ -88,6 +95,24 @@ class Camera:
             raise CameraError(f"{self.model} has {n} coefficients, not {len(self.distortion)}")
         padded = tuple(float(d) for d in self.distortion) + (0.0,) * (n - len(self.distortion))
         object.__setattr__(self, "distortion", padded)
+
+    def _check_optics(self) -> None:
+        focal = f"focal length {self.fx:g}, {self.fy:g} px"
+        least, most = min(self.fx, self.fy), max(self.fx, self.fy)
+        if least < _FOCAL_PX[0] or most > _FOCAL_PX[1]:
+            raise CameraError(
+                f"{focal} isn't between {_FOCAL_PX[0]:g} and {_FOCAL_PX[1]:g} px; is it in pixels?"
+            )
+        if most > _ASPECT * least:
+            raise CameraError(
+                f"{focal} differs by more than {_ASPECT:g} times from x to y; "
+                "was the camera calibrated well?"
+            )
+        if max(abs(self.cx), abs(self.cy)) > _MOST_OFF_PX:
+            raise CameraError(
+                f"principal point {self.cx:g}, {self.cy:g} px is further than {_MOST_OFF_PX} px "
+                "from the image's corner; is it in pixels?"
+            )
 
     @property
     def intrinsics(self) -> tuple[float, ...]:
