@@ -1,14 +1,16 @@
-"""Whether a part has its reference's form: what is as wide as the scan stands out of nothing."""
+"""Whether a part has its reference's form, and isn't damaged all over: neither is a finding."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
-from roller_core.transforms import F64
+from roller_core.transforms import F64, inverse_pose
 
-from .findings.cues import inspectable
+from .findings.cues import disc, inspectable
 from .findings.smoothing import cell_weights, smoothed
 from .height_map import HeightMap
+from .height_map.height_map import Bools
 from .measures import region_mask
 from .pieces import Found
 from .recipe import Recipe
@@ -16,6 +18,11 @@ from .recipe.tolerance import DEFAULT_TOLERANCE
 
 #: Deviations are smoothed over this, m, to tell what lies off; most of an area that may.
 _FORM_M, _MOST_OFF = 5e-4, 0.01
+#: The same for a surface that is damaged all over. A wrong height is one that is off by so much, m:
+#: what is allowed less can't be told from a scan's errors.
+_ROUGH_M, _MOST_ROUGH, _WRONG_M = 1.5e-4, 0.03, 1e-4
+#: Around a finding's outline its flanks go on, m.
+_FLANK_M = 5e-4
 
 
 def off_reference(recipe: Recipe, found: Found) -> str:
@@ -36,32 +43,83 @@ def off_reference(recipe: Recipe, found: Found) -> str:
     str
         Empty: hardly any.
     """
-    grid, deviation_m = found.height_map, found.deviation_m
-    if grid is None or deviation_m is None or recipe.reference.kind == "self":
+    if recipe.reference.kind == "self":
         return ""
+    share, most = _share_off(recipe, found, _FORM_M, sigmas=2.0)
+    if share < _MOST_OFF:
+        return ""
+    return (
+        f"{share:.0%} of the area lies more than {most} µm off the reference, too wide for "
+        "a finding: the part's form differs, or the reference doesn't fit"
+    )
+
+
+def damaged_all_over(recipe: Recipe, found: Found) -> str:
+    """What share lies deeper or higher than is allowed there and is no finding, in words.
+
+    Findings stand out of the surface's own scatter; of one that is damaged all over the scatter is
+    the damage.
+
+    Parameters
+    ----------
+    recipe, found
+        As of `off_reference`.
+
+    Returns
+    -------
+    str
+        Empty: little.
+    """
+    share, most = _share_off(recipe, found, _ROUGH_M, least_m=_WRONG_M)
+    if share < _MOST_ROUGH:
+        return ""
+    return (
+        f"{share:.0%} of the area lies more than {most} µm off its surroundings or reference, and "
+        "nothing stands out of so much: the surface is rough or damaged all over"
+    )
+
+
+def _share_off(
+    recipe: Recipe, found: Found, scale_m: float, sigmas: float = 0.0, least_m: float = 0.0
+) -> tuple[float, str]:
+    """Share of the area that lies further off than is allowed and `sigmas`; the limits, in µm.
+
+    Nothing is allowed less than `least_m`. Findings are judged by themselves and lie nowhere off.
+    """
+    grid, deviation_m = found.height_map, found.deviation_m
+    if grid is None or deviation_m is None:
+        return 0.0, ""
     area = inspectable(grid, recipe.edge_exclusion_m)
     if recipe.inspect:
         area &= np.logical_or.reduce([region_mask(recipe, name, grid) for name in recipe.inspect])
     for name in recipe.exclude:
         area &= ~region_mask(recipe, name, grid)
-    mean, _ = smoothed(deviation_m, cell_weights(grid, deviation_m), _FORM_M / grid.step_m)
+    mean, _ = smoothed(deviation_m, cell_weights(grid, deviation_m), scale_m / grid.step_m)
     area &= np.isfinite(mean)
     if not area.any():
-        return ""
+        return 0.0, ""
     # A model has the part's own features: what differs from it is extra or missing.
     own = recipe.reference.kind in ("golden", "cad")
     above, below = ("extra", "missing") if own else ("raised", "dent")
     allowed = np.where(mean > 0, _allowed(recipe, above, grid), _allowed(recipe, below, grid))
-    off = area & (np.abs(mean) > allowed + 2 * np.median(grid.sigma_m[area]))
-    share = float(off.sum() / area.sum())
-    if share < _MOST_OFF:
-        return ""
+    allowed = np.maximum(allowed, least_m)
+    off = area & (np.abs(mean) > allowed + sigmas * np.median(grid.sigma_m[area]))
+    off &= ~_in_findings(grid, found)
+    if not off.any():
+        return 0.0, ""
     limits = np.unique(allowed[off]) * 1e6
     most = f"{limits[0]:g}" + (f" to {limits[-1]:g}" if len(limits) > 1 else "")
-    return (
-        f"{share:.0%} of the area lies more than {most} µm off the reference, too wide for "
-        "a finding: the part's form differs, or the reference doesn't fit"
-    )
+    return float(off.sum() / area.sum()), most
+
+
+def _in_findings(grid: HeightMap, found: Found) -> Bools:
+    """Cells of findings and close around them, shape (ny, nx)."""
+    inside, map_from_base = np.zeros(grid.shape, np.uint8), inverse_pose(grid.base_from_map)
+    for finding in found.findings:
+        corners = finding.outline_m @ map_from_base[:3, :3].T + map_from_base[:3, 3]
+        cells = (corners[:, :2] - [grid.x_m[0], grid.y_m[0]]) / grid.step_m
+        cv2.fillPoly(inside, [np.rint(cells).astype(np.int32)], 1)
+    return cv2.dilate(inside, disc(_FLANK_M / grid.step_m)) > 0
 
 
 def _allowed(recipe: Recipe, kind: str, grid: HeightMap) -> F64:

@@ -21,7 +21,7 @@ from roller_emvs.patch import Patch
 
 from .covered_area import coverage_of_area
 from .findings import CellUncertainty, Finding
-from .form import off_reference
+from .form import damaged_all_over, off_reference
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, judge, judge_findings
@@ -260,8 +260,10 @@ class InspectStage(Stage[InspectParameters]):
             measure_all(self.recipe, found.height_map, self.settings.uncertainty),
             self._faults.lines(), lacking,
         )  # fmt: skip
-        if judgement.verdict == "conform" and (off := off_reference(self.recipe, found)):
-            judgement = replace(judgement, verdict="inconclusive", reason=off)
+        if judgement.verdict == "conform":
+            off = off_reference(self.recipe, found) or damaged_all_over(self.recipe, found)
+            if off:
+                judgement = replace(judgement, verdict="inconclusive", reason=off)
         self._verdict_given = False
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._deviations(found.last) + self._list(judgement, finished=True)
