@@ -1,4 +1,4 @@
-"""Whether a part has its reference's form, and isn't damaged all over: neither is a finding."""
+"""What keeps a part from being conform and is no finding: its form, damage all over, gaps."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from roller_core.transforms import F64, inverse_pose
 
 from .findings.cues import disc, inspectable
 from .findings.smoothing import cell_weights, smoothed
-from .height_map import HeightMap
-from .height_map.height_map import Bools
+from .height_map import OUTSIDE, HeightMap
+from .height_map.height_map import F32, Bools
 from .measures import region_mask
 from .pieces import Found
 from .recipe import Recipe
@@ -21,6 +21,10 @@ _FORM_M, _MOST_OFF = 5e-4, 0.01
 #: The same for a surface that is damaged all over. A wrong height is one that is off by so much, m:
 #: what is allowed less can't be told from a scan's errors.
 _ROUGH_M, _MOST_ROUGH, _WRONG_M = 1.5e-4, 0.03, 1e-4
+#: A gap's least width and its rim's, m. So much of a rim, m², lies off by this share of what is
+#: allowed, and by so much at least, m.
+_GAP_M, _RIM_M = 1e-3, 5e-4
+_RIM_SHARE, _LEAST_RIM_M, _RIM_M2 = 0.5, 5e-5, 2.5e-7
 #: Around a finding's outline its flanks go on, m.
 _FLANK_M = 5e-4
 
@@ -79,6 +83,69 @@ def damaged_all_over(recipe: Recipe, found: Found) -> str:
     )
 
 
+def goes_on_in_gap(recipe: Recipe, found: Found) -> str:
+    """Which gap within what was measured may hide more than is allowed, in words.
+
+    Nothing is looked for close to a gap, and what reaches into it is deeper there, or isn't.
+
+    Parameters
+    ----------
+    recipe, found
+        As of `off_reference`.
+
+    Returns
+    -------
+    str
+        Empty: none.
+    """
+    grid, deviation_m = found.height_map, found.deviation_m
+    if grid is None or deviation_m is None:
+        return ""
+    gaps = _inner_gaps(grid)
+    if not gaps.any():
+        return ""
+    rim = cv2.dilate(gaps.view(np.uint8), disc(_RIM_M / grid.step_m)) > 0
+    rim &= grid.known & _to_inspect(recipe, grid)
+    mean, _ = smoothed(deviation_m, cell_weights(grid, deviation_m), _ROUGH_M / grid.step_m)
+    most = np.maximum(_RIM_SHARE * _allowed_depth(recipe, grid, mean), _LEAST_RIM_M)
+    off = rim & (np.abs(np.where(np.isfinite(mean), mean, 0)) > most)
+    _, labels, stats, centers = cv2.connectedComponentsWithStats(off.view(np.uint8))
+    # What doesn't reach the gap was seen whole.
+    beside = cv2.dilate(gaps.view(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    large = np.unique(labels[beside & off])
+    large = large[stats[large, cv2.CC_STAT_AREA] * grid.step_m**2 >= _RIM_M2]
+    if not len(large):
+        return ""
+    depths = [float(np.abs(mean[labels == k]).max()) for k in large]
+    column, row = centers[large[int(np.argmax(depths))]]
+    x, y = (axis[0] + at * grid.step_m for axis, at in ((grid.x_m, column), (grid.y_m, row)))
+    x_mm, y_mm, _ = grid.in_base(x, y, 0.0) * 1e3
+    return (
+        f"beside a gap at ({x_mm:.1f}, {y_mm:.1f}) mm the surface lies {max(depths) * 1e6:.0f} µm "
+        "off: how deep it goes on there wasn't measured"
+    )
+
+
+def _inner_gaps(grid: HeightMap) -> Bools:
+    """Unmeasured cells of gaps that are wide and lie within what was measured, shape (ny, nx)."""
+    bare = ~grid.known
+    open_ = cv2.morphologyEx(bare.view(np.uint8), cv2.MORPH_OPEN, disc(_GAP_M / 2 / grid.step_m))
+    beyond = np.pad(grid.state == OUTSIDE, 1, constant_values=True)
+    _, labels = cv2.connectedComponents(np.pad(bare, 1, constant_values=True).view(np.uint8))
+    outer = np.isin(labels, np.unique(labels[beyond]))
+    return np.asarray((open_ > 0) & ~outer[1:-1, 1:-1])
+
+
+def _to_inspect(recipe: Recipe, grid: HeightMap) -> Bools:
+    """Cells that the recipe doesn't leave out, shape (ny, nx)."""
+    area = np.ones(grid.shape, bool)
+    if recipe.inspect:
+        area &= np.logical_or.reduce([region_mask(recipe, name, grid) for name in recipe.inspect])
+    for name in recipe.exclude:
+        area &= ~region_mask(recipe, name, grid)
+    return area
+
+
 def _share_off(
     recipe: Recipe, found: Found, scale_m: float, sigmas: float = 0.0, least_m: float = 0.0
 ) -> tuple[float, str]:
@@ -89,20 +156,12 @@ def _share_off(
     grid, deviation_m = found.height_map, found.deviation_m
     if grid is None or deviation_m is None:
         return 0.0, ""
-    area = inspectable(grid, recipe.edge_exclusion_m)
-    if recipe.inspect:
-        area &= np.logical_or.reduce([region_mask(recipe, name, grid) for name in recipe.inspect])
-    for name in recipe.exclude:
-        area &= ~region_mask(recipe, name, grid)
+    area = inspectable(grid, recipe.edge_exclusion_m) & _to_inspect(recipe, grid)
     mean, _ = smoothed(deviation_m, cell_weights(grid, deviation_m), scale_m / grid.step_m)
     area &= np.isfinite(mean)
     if not area.any():
         return 0.0, ""
-    # A model has the part's own features: what differs from it is extra or missing.
-    own = recipe.reference.kind in ("golden", "cad")
-    above, below = ("extra", "missing") if own else ("raised", "dent")
-    allowed = np.where(mean > 0, _allowed(recipe, above, grid), _allowed(recipe, below, grid))
-    allowed = np.maximum(allowed, least_m)
+    allowed = np.maximum(_allowed_depth(recipe, grid, mean), least_m)
     off = area & (np.abs(mean) > allowed + sigmas * np.median(grid.sigma_m[area]))
     off &= ~_in_findings(grid, found)
     if not off.any():
@@ -120,6 +179,14 @@ def _in_findings(grid: HeightMap, found: Found) -> Bools:
         cells = (corners[:, :2] - [grid.x_m[0], grid.y_m[0]]) / grid.step_m
         cv2.fillPoly(inside, [np.rint(cells).astype(np.int32)], 1)
     return cv2.dilate(inside, disc(_FLANK_M / grid.step_m)) > 0
+
+
+def _allowed_depth(recipe: Recipe, grid: HeightMap, mean_m: F32) -> F64:
+    """What each cell may lie off, as it lies above or below, metres, shape (ny, nx)."""
+    # A model has the part's own features: what differs from it is extra or missing.
+    own = recipe.reference.kind in ("golden", "cad")
+    above, below = ("extra", "missing") if own else ("raised", "dent")
+    return np.where(mean_m > 0, _allowed(recipe, above, grid), _allowed(recipe, below, grid))
 
 
 def _allowed(recipe: Recipe, kind: str, grid: HeightMap) -> F64:

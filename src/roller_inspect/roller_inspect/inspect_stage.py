@@ -21,7 +21,7 @@ from roller_emvs.patch import Patch
 
 from .covered_area import coverage_of_area
 from .findings import CellUncertainty, Finding
-from .form import damaged_all_over, off_reference
+from .form import damaged_all_over, goes_on_in_gap, off_reference
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, judge, judge_findings
@@ -261,8 +261,8 @@ class InspectStage(Stage[InspectParameters]):
             self._faults.lines(), lacking,
         )  # fmt: skip
         if judgement.verdict == "conform":
-            off = off_reference(self.recipe, found) or damaged_all_over(self.recipe, found)
-            if off:
+            looks = (off_reference, damaged_all_over, goes_on_in_gap)
+            if off := next(filter(None, (look(self.recipe, found) for look in looks)), ""):
                 judgement = replace(judgement, verdict="inconclusive", reason=off)
         self._verdict_given = False
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
