@@ -46,6 +46,23 @@ def head(x: F64, y: F64) -> F64:
     return 0.01 * x + np.where(inside, 5e-5 + 0.0375 * (x - 0.01), 0.0)
 
 
+@pytest.mark.parametrize("across", [0.0, 0.3])
+def test_a_step_and_a_tilt_are_those_of_the_planes_however_the_plate_leans(across: float) -> None:
+    """Plate at 0.36 and head at 0.5 along x: by angles, not by the difference of slopes."""
+    slope, own = 0.36, 0.5
+
+    def leaning(x: F64, y: F64) -> F64:
+        inside = np.hypot(x - 0.01, y) < 4e-3
+        return across * y + np.where(inside, own * (x - 0.01) + 2e-4, slope * (x - 0.01))
+
+    m = map_of(leaning, noise_m=1e-7)
+    flushness, tilt = flushness_and_tilt(m, disc(m, 3.5e-3), ~disc(m, 4.5e-3))
+    base, top = (np.array([-s, -across, 1.0]) for s in (slope, own))
+    cosine = base @ top / np.linalg.norm(base) / np.linalg.norm(top)
+    assert tilt.value == pytest.approx(np.arccos(cosine), abs=1e-4)
+    assert flushness.value == pytest.approx(2e-4 / np.linalg.norm(base), abs=1e-6)
+
+
 def test_step_tilt_and_their_uncertainties_hold_in_nine_of_ten() -> None:
     good, sizes = [], []
     for seed in range(12):

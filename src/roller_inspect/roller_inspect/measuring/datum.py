@@ -37,6 +37,12 @@ class Datum:
     #: Measured cells.
     cells: int
 
+    @property
+    def normal(self) -> F64:
+        """Its normal of length 1, upwards. Shape (3,)."""
+        normal = np.array([-self.slope_x, -self.slope_y, 1.0])
+        return np.asarray(normal / np.linalg.norm(normal))
+
     def at(self, x: F64 | float, y: F64 | float) -> F64:
         """Height of the plane at places."""
         cx, cy = self.centre_m
@@ -66,8 +72,8 @@ def datum_plane(height_map: HeightMap, region: Bools) -> Datum | None:
     z = height_map.height_m[rows, columns].astype(np.float64)
     cx, cy = float(x.mean()), float(y.mean())
     basis = np.column_stack([np.ones_like(x), x - cx, y - cy])
-    # A tiny ridge: cells on a line determine no slope across it.
-    ridge = np.diag([0.0, 1.0, 1.0]) * len(z) * 1e-9
+    # A tiny ridge, of µm: cells on a line determine no slope across it.
+    ridge = np.diag([0.0, 1.0, 1.0]) * len(z) * 1e-12
     weight, found = np.ones(len(z)), np.array([np.median(z), 0.0, 0.0])
     for _ in range(_ROUNDS):
         found = np.linalg.solve(basis.T * weight @ basis + ridge, basis.T * weight @ z)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scipy import ndimage
 
+from roller_core.transforms import F64
 from roller_inspect.findings.cues import SCALES_M
 from roller_inspect.findings.sizes import ALIKE_M, extreme
 from roller_inspect.findings.smoothing import cell_weights, smoothed
@@ -31,7 +32,7 @@ _FEW, _LITTLE = "too few measured cells in {}", "too little of the {} was measur
 def step_height(
     height_map: HeightMap, datum: Bools, top: Bools, whole: float | None = None
 ) -> Measured:
-    """How much one region lies above another, at the second one's centre.
+    """How much one region lies above another, along its normal, at the second one's centre.
 
     Parameters
     ----------
@@ -52,9 +53,11 @@ def step_height(
 
 def _step(base: Datum, upper: Datum) -> Measured:
     x, y = upper.centre_m
-    value = float(upper.at(x, y) - base.at(x, y))
+    # Heights are along the map's z; the datum may lean.
+    upright = float(base.normal[2])
+    value = upright * float(upper.at(x, y) - base.at(x, y))
     own = base.standard_uncertainty(x, y), upper.standard_uncertainty(x, y)
-    return Measured(value, 2 * math.hypot(*own, base.common_m, upper.common_m), "m")
+    return Measured(value, 2 * upright * math.hypot(*own, base.common_m, upper.common_m), "m")
 
 
 def flushness_and_tilt(
@@ -87,7 +90,12 @@ def flushness_and_tilt(
     u = math.sqrt(max(float(along @ both @ along), 0.0) + 2 * (top.common_m / across_m) ** 2)
     # Of hardly any tilt both directions add up: 95 % of such errors lie within 2.45 times of one.
     k = 2.0 if size > _BOTH * u else 2.45
-    return _step(base, top), Measured(float(np.arctan(size)), k * u, "rad")
+    return _step(base, top), Measured(_angle_between(base.normal, top.normal), k * u, "rad")
+
+
+def _angle_between(a: F64, b: F64) -> float:
+    """Angle between two directions, radians; of small ones to the last digit."""
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
 
 
 def extent(
