@@ -60,3 +60,27 @@ def test_what_the_recipe_leaves_out_may_have_gaps() -> None:
     regions = {"hole": {"circle_m": [*MIDDLE, 4e-3]}}
     surface = bowl(2.5e-3, 3e-4)
     assert without_middle(surface, 1.6e-3, regions=regions, exclude=["hole"]).verdict == "conform"
+
+
+def measured(surface: Surface, gap_m: float) -> dict[str, Any]:
+    regions = {"spot": {"circle_m": [*MIDDLE, 4e-3]}, "around": {"circle_m": [*MIDDLE, 5.5e-3]}}
+    measures = [
+        {"name": tool, "tool": tool, "of": "spot", "datum": "around"}
+        for tool in ("depth", "volume", "area", "diameter")
+    ]
+    found = without_middle(surface, gap_m, regions=regions, measures=measures)
+    return {figure.name: figure for figure in found.figures}
+
+
+def test_a_depth_that_is_deepest_beside_a_gap_is_none() -> None:
+    figures = measured(bowl(2.5e-3, 3e-4), 1.2e-3)
+    assert len(figures) == 4
+    for figure in figures.values():
+        assert figure.value is None
+        assert "beside a gap" in figure.reason
+
+
+def test_a_depth_beside_which_a_gap_lies_is_measured() -> None:
+    aside = dent((0.0175, 0.0), 1.5e-3, 3e-4)
+    depth = measured(aside, 8e-4)["depth"]
+    assert depth.value == pytest.approx(-3e-4, abs=depth.uncertainty)

@@ -9,7 +9,8 @@ from roller_core.transforms import F64, inverse_pose
 
 from .findings.cues import disc, inspectable
 from .findings.smoothing import cell_weights, smoothed
-from .height_map import OUTSIDE, HeightMap
+from .height_map import HeightMap
+from .height_map.gaps import WIDE_GAP_M, inner_gaps
 from .height_map.height_map import F32, Bools
 from .measures import region_mask
 from .pieces import Found
@@ -21,9 +22,9 @@ _FORM_M, _MOST_OFF = 5e-4, 0.01
 #: The same for a surface that is damaged all over. A wrong height is one that is off by so much, m:
 #: what is allowed less can't be told from a scan's errors.
 _ROUGH_M, _MOST_ROUGH, _WRONG_M = 1.5e-4, 0.03, 1e-4
-#: A gap's least width and its rim's, m. So much of a rim, m², lies off by this share of what is
-#: allowed, and by so much at least, m.
-_GAP_M, _RIM_M = 1e-3, 5e-4
+#: The width of a gap's rim, m. So much of it, m², lies off by this share of what is allowed, and by
+#: so much at least, m.
+_RIM_M = 5e-4
 _RIM_SHARE, _LEAST_RIM_M, _RIM_M2 = 0.5, 5e-5, 2.5e-7
 #: Around a finding's outline its flanks go on, m.
 _FLANK_M = 5e-4
@@ -101,7 +102,7 @@ def goes_on_in_gap(recipe: Recipe, found: Found) -> str:
     grid, deviation_m = found.height_map, found.deviation_m
     if grid is None or deviation_m is None:
         return ""
-    gaps = _inner_gaps(grid)
+    gaps = inner_gaps(grid, WIDE_GAP_M)
     if not gaps.any():
         return ""
     rim = cv2.dilate(gaps.view(np.uint8), disc(_RIM_M / grid.step_m)) > 0
@@ -124,16 +125,6 @@ def goes_on_in_gap(recipe: Recipe, found: Found) -> str:
         f"beside a gap at ({x_mm:.1f}, {y_mm:.1f}) mm the surface lies {max(depths) * 1e6:.0f} µm "
         "off: how deep it goes on there wasn't measured"
     )
-
-
-def _inner_gaps(grid: HeightMap) -> Bools:
-    """Unmeasured cells of gaps that are wide and lie within what was measured, shape (ny, nx)."""
-    bare = ~grid.known
-    open_ = cv2.morphologyEx(bare.view(np.uint8), cv2.MORPH_OPEN, disc(_GAP_M / 2 / grid.step_m))
-    beyond = np.pad(grid.state == OUTSIDE, 1, constant_values=True)
-    _, labels = cv2.connectedComponents(np.pad(bare, 1, constant_values=True).view(np.uint8))
-    outer = np.isin(labels, np.unique(labels[beyond]))
-    return np.asarray((open_ > 0) & ~outer[1:-1, 1:-1])
 
 
 def _to_inspect(recipe: Recipe, grid: HeightMap) -> Bools:

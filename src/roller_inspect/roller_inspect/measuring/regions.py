@@ -11,6 +11,7 @@ from roller_core.transforms import F64
 from roller_inspect.findings.cues import SCALES_M
 from roller_inspect.findings.sizes import ALIKE_M, extreme
 from roller_inspect.findings.smoothing import cell_weights, smoothed
+from roller_inspect.height_map.gaps import WIDE_GAP_M, grown, inner_gaps
 from roller_inspect.height_map.height_map import F32, Bools, HeightMap
 from roller_inspect.references.nominal import fit_polynomial
 from roller_inspect.references.reference import ReferenceError
@@ -26,6 +27,8 @@ _S_FILTER_M, _BY_CUT_OFF = 0.25e-3, 0.1874
 _LEAST_MEASURED, _LEAST_KNOWN, _TIMES_NOISE = 0.3, 0.8, 3.0
 #: A tilt of more standard uncertainties has a direction.
 _BOTH = 4.0
+#: Cells so near to a gap are beside it, and so much of a depth may be found there.
+_BESIDE, _MOST_BESIDE = 3, 0.9
 _FEW, _LITTLE = "too few measured cells in {}", "too little of the {} was measured"
 
 
@@ -152,6 +155,13 @@ def extent(
             "depth": Measured(sign * depth, STANDS_OUT * u_depth, "m"),
             "area": not_measurable("m²", reason), "diameter": not_measurable("m", reason),
             "volume": measured_volume,
+        }  # fmt: skip
+    gaps = inner_gaps(height_map, WIDE_GAP_M) & region
+    if extreme(sign * fine, sign * away, inside & grown(gaps, _BESIDE)) > _MOST_BESIDE * depth:
+        reason = "it is deepest or highest beside a gap: how far it goes on there wasn't measured"
+        return {
+            "depth": not_measurable("m", reason), "area": not_measurable("m²", reason),
+            "diameter": not_measurable("m", reason), "volume": not_measurable("m³", reason),
         }  # fmt: skip
     flat = ndimage.median_filter(np.where(known, away, 0.0), 3)
     area = float((known & (sign * flat > depth / 2)).sum()) * step**2
