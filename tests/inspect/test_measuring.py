@@ -7,11 +7,11 @@ import pytest
 
 from roller_core.transforms import F64
 from roller_inspect.findings import CellUncertainty
-from roller_inspect.height_map import MEASURED, UNMEASURED, HeightMap
+from roller_inspect.height_map import CONTINUED, MEASURED, UNMEASURED, HeightMap
 from roller_inspect.height_map.height_map import centres
 from roller_inspect.measures import Figure, measure_all
 from roller_inspect.measuring.measured import Measured
-from roller_inspect.measuring.profile import profile, width_and_depth
+from roller_inspect.measuring.profile import Profile, profile, width_and_depth
 from roller_inspect.measuring.regions import extent, flushness_and_tilt, roughness, step_height
 from roller_inspect.recipe import Recipe
 
@@ -185,3 +185,21 @@ def test_of_a_region_that_was_hardly_measured_nothing_is_known() -> None:
         volumes.append(found["volume"].value)
     assert volumes[0] == pytest.approx(0.02 * 0.006 * 1e-4, rel=0.05)
     assert volumes[1] == pytest.approx(volumes[0] / 0.85, rel=0.01)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.15, 0.3])
+def test_a_width_is_as_uncertain_as_its_edges_are_far_from_what_was_measured(share: float) -> None:
+    """A ridge of which few cells were measured; between them heights go straight."""
+    good = []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        at = np.arange(100) * 1e-4
+        true = 2e-4 * np.clip(1 - ((at - 5.1e-3) / 1.5e-3) ** 2, 0, None)
+        state = np.where(random.random(100) < share, MEASURED, CONTINUED).astype(np.uint8)
+        known = state == MEASURED
+        height = np.interp(at, at[known], true[known] + random.normal(0, 1e-5, known.sum()))
+        width, _ = width_and_depth(Profile(at, height, np.full(100, 1e-5), state))
+        if width.value is not None:
+            good.append(holds(width, 3e-3 / np.sqrt(2)))
+    assert len(good) > 30
+    assert np.mean(good) > 0.9

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
 from roller_core.transforms import F64
-from roller_inspect.height_map.height_map import CONTINUED, OUTSIDE, U8, HeightMap
+from roller_inspect.height_map.height_map import CONTINUED, MEASURED, OUTSIDE, U8, Bools, HeightMap
 
 from .measured import STANDS_OUT, Measured, not_measurable
 
@@ -86,12 +87,27 @@ def width_and_depth(found: Profile) -> tuple[Measured, Measured]:
     while high < n - 1 and over[high + 1]:
         high += 1
     step = float(found.distance_m[1] - found.distance_m[0])
-    edges = [_crossing(away * np.sign(depth), low, -1, abs(depth) / 2),
-             _crossing(away * np.sign(depth), high, 1, abs(depth) / 2)]  # fmt: skip
+    signed, level = away * np.sign(depth), abs(depth) / 2
+    edges = [_crossing(signed, low, -1, level), _crossing(signed, high, 1, level)]
     slope = float(np.abs(np.gradient(away, step)).max())
-    u_width = float(np.sqrt(2) * np.hypot(sigma / max(slope, 1e-3), step / np.sqrt(12)))
+    apart = [_apart(found.state == MEASURED, edge) * step for edge in edges]
+    u_width = math.hypot(
+        *(math.hypot(sigma / max(slope, 1e-3), gap / math.sqrt(12)) for gap in apart)
+    )
     width = (edges[1] - edges[0]) * step
     return Measured(width, 2 * u_width, "m"), Measured(depth, 2 * u_depth, "m")
+
+
+def _apart(measured: Bools, at: float) -> float:
+    """How far the measured cells on either side of a place lie apart, cells; at least 1.
+
+    In between the surface was continued: an edge may run anywhere there.
+    """
+    places = np.flatnonzero(measured)
+    k = int(np.searchsorted(places, at))
+    below = places[k - 1] if k else -1
+    above = places[k] if k < len(places) else len(measured)
+    return float(max(above - below, 1))
 
 
 def _crossing(values: F64, at: int, way: int, level: float) -> float:
