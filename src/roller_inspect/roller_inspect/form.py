@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.transforms import F64, inverse_pose
 
@@ -12,6 +13,7 @@ from .findings.smoothing import cell_weights, smoothed
 from .height_map import HeightMap
 from .height_map.gaps import WIDE_GAP_M, inner_gaps
 from .height_map.height_map import F32, Bools
+from .judgement import judge_findings
 from .measures import region_mask
 from .pieces import Found
 from .recipe import Recipe
@@ -142,7 +144,7 @@ def _share_off(
 ) -> tuple[float, str]:
     """Share of the area that lies further off than is allowed and `sigmas`; the limits, in µm.
 
-    Nothing is allowed less than `least_m`. Findings are judged by themselves and lie nowhere off.
+    Nothing is allowed less than `least_m`.
     """
     grid, deviation_m = found.height_map, found.deviation_m
     if grid is None or deviation_m is None:
@@ -153,8 +155,8 @@ def _share_off(
     if not area.any():
         return 0.0, ""
     allowed = np.maximum(_allowed_depth(recipe, grid, mean), least_m)
+    allowed = np.maximum(allowed, _granted(recipe, found, grid))
     off = area & (np.abs(mean) > allowed + sigmas * np.median(grid.sigma_m[area]))
-    off &= ~_in_findings(grid, found)
     if not off.any():
         return 0.0, ""
     limits = np.unique(allowed[off]) * 1e6
@@ -162,14 +164,24 @@ def _share_off(
     return float(off.sum() / area.sum()), most
 
 
-def _in_findings(grid: HeightMap, found: Found) -> Bools:
-    """Cells of findings and close around them, shape (ny, nx)."""
-    inside, map_from_base = np.zeros(grid.shape, np.uint8), inverse_pose(grid.base_from_map)
-    for finding in found.findings:
-        corners = finding.outline_m @ map_from_base[:3, :3].T + map_from_base[:3, 3]
-        cells = (corners[:, :2] - [grid.x_m[0], grid.y_m[0]]) / grid.step_m
-        cv2.fillPoly(inside, [np.rint(cells).astype(np.int32)], 1)
-    return cv2.dilate(inside, disc(_FLANK_M / grid.step_m)) > 0
+def _granted(recipe: Recipe, found: Found, grid: HeightMap) -> F64:
+    """Depth that findings which conform may have, in their cells and close around, metres.
+
+    One whose tolerance is of other sizes may have any; 0 elsewhere. Shape (ny, nx).
+    """
+    map_from_base = inverse_pose(grid.base_from_map)
+    inside: dict[float, npt.NDArray[np.uint8]] = {}
+    for one in judge_findings(recipe, found.findings):
+        if one.verdict == "conform":
+            corners = one.finding.outline_m @ map_from_base[:3, :3].T + map_from_base[:3, 3]
+            cells = (corners[:, :2] - [grid.x_m[0], grid.y_m[0]]) / grid.step_m
+            most = np.inf if one.depth_limit_m is None else one.depth_limit_m
+            filled = inside.setdefault(most, np.zeros(grid.shape, np.uint8))
+            cv2.fillPoly(filled, [np.rint(cells).astype(np.int32)], 1)
+    out = np.zeros(grid.shape)
+    for most, filled in sorted(inside.items()):
+        out[cv2.dilate(filled, disc(_FLANK_M / grid.step_m)) > 0] = most
+    return out
 
 
 def _allowed_depth(recipe: Recipe, grid: HeightMap, mean_m: F32) -> F64:
