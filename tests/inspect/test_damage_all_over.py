@@ -54,6 +54,12 @@ def test_noise_and_a_fine_texture_are_no_damage(reference: str, noise_m: float) 
         assert part.judgement.verdict == "conform", part.judgement.reason
 
 
+def test_what_is_allowed_less_than_a_scan_errs_by_is_not_held_against_it() -> None:
+    tolerances = [{"depth_m": 3e-5}]
+    part = finished(inspect(scan(flat, noise_m=3e-5), tolerances=tolerances)[1])
+    assert part.judgement.verdict == "conform", part.judgement.reason
+
+
 def test_what_is_allowed_is_no_damage() -> None:
     tolerances = [{"depth_m": 3e-4}]
     part = finished(inspect(scan(ripple), reference="self", tolerances=tolerances)[1])

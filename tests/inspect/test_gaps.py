@@ -49,6 +49,12 @@ def test_a_gap_in_what_is_flat_hides_nothing(gap_m: float) -> None:
     assert without_middle(flat, gap_m).verdict == "conform"
 
 
+def test_a_narrow_gap_hides_little() -> None:
+    found = without_middle(bowl(2.5e-3, 3e-4), 4e-4, tolerances=[{"depth_m": 4.5e-4}])
+    assert found.verdict == "conform", found.reason
+    assert found.coverage.unmeasured > 0
+
+
 def test_what_was_measured_whole_beside_a_gap_is_judged_by_itself() -> None:
     beside = dent((0.0185, 0.0), 1e-3, 2e-4)
     found = without_middle(beside, 1.2e-3, tolerances=[{"depth_m": 3e-4}])

@@ -203,3 +203,16 @@ def test_a_width_is_as_uncertain_as_its_edges_are_far_from_what_was_measured(sha
             good.append(holds(width, 3e-3 / np.sqrt(2)))
     assert len(good) > 30
     assert np.mean(good) > 0.9
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_one_edge_that_was_not_seen_is_enough_to_doubt_a_width(mirrored: bool) -> None:
+    at = np.arange(100) * 1e-4
+    height = np.where((at > 3.95e-3) & (at < 5.95e-3), 2e-4, 0.0)
+    sigma, seen = np.full(100, 1e-6), np.full(100, MEASURED, np.uint8)
+    gap = np.where((at > 3.55e-3) & (at < 4.35e-3), CONTINUED, MEASURED).astype(np.uint8)
+    if mirrored:
+        height, gap = height[::-1], gap[::-1]
+    sharp, doubtful = (width_and_depth(Profile(at, height, sigma, s))[0] for s in (seen, gap))
+    assert sharp.uncertainty == pytest.approx(2 * np.sqrt(2) * 1e-4 / np.sqrt(12), rel=0.1)
+    assert doubtful.uncertainty == pytest.approx(2 * np.hypot(9, 1) * 1e-4 / np.sqrt(12), rel=0.1)

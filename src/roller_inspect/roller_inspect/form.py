@@ -113,10 +113,7 @@ def goes_on_in_gap(recipe: Recipe, found: Found) -> str:
     most = np.maximum(_RIM_SHARE * _allowed_depth(recipe, grid, mean), _LEAST_RIM_M)
     off = rim & (np.abs(np.where(np.isfinite(mean), mean, 0)) > most)
     _, labels, stats, centers = cv2.connectedComponentsWithStats(off.view(np.uint8))
-    # What doesn't reach the gap was seen whole.
-    beside = cv2.dilate(gaps.view(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    large = np.unique(labels[beside & off])
-    large = large[stats[large, cv2.CC_STAT_AREA] * grid.step_m**2 >= _RIM_M2]
+    large = np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] * grid.step_m**2 >= _RIM_M2) + 1
     if not len(large):
         return ""
     depths = [float(np.abs(mean[labels == k]).max()) for k in large]
