@@ -55,6 +55,11 @@ def test_a_narrow_gap_hides_little() -> None:
     assert found.coverage.unmeasured > 0
 
 
+def test_what_may_be_far_deeper_than_its_rim_may_have_a_gap() -> None:
+    found = without_middle(bowl(2.5e-3, 2e-4), 1.6e-3, tolerances=[{"depth_m": 4e-4}])
+    assert found.verdict == "conform", found.reason
+
+
 def test_what_was_measured_whole_beside_a_gap_is_judged_by_itself() -> None:
     beside = dent((0.0185, 0.0), 1e-3, 2e-4)
     found = without_middle(beside, 1.2e-3, tolerances=[{"depth_m": 3e-4}])
