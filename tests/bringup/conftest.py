@@ -1,10 +1,13 @@
-"""A place for launch tests: packages with small shell scripts as nodes."""
+"""Packages of small shell scripts as nodes, for launch tests; what sets up a workspace."""
 
 import os
+import sys
 import textwrap
 from pathlib import Path
 
 import pytest
+
+ROOT = Path(__file__).parents[2]
 
 
 class World:
@@ -40,3 +43,22 @@ def world(tmp_path, monkeypatch):
     made.script("talker", "echo hello")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(made.prefix), prepend=os.pathsep)
     return made
+
+
+@pytest.fixture
+def modules(monkeypatch):
+    """The modules of scripts/workspace, which stand alone."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "workspace"))
+    names = ("steps", "system", "venv_builder", "wheels", "distribution")
+    for name in names:
+        sys.modules.pop(name, None)
+    import distribution
+    import steps
+    import system
+    import venv_builder
+    import wheels
+
+    found = (steps, system, venv_builder, wheels, distribution)
+    yield {module.__name__: module for module in found}
+    for name in names:
+        sys.modules.pop(name, None)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from .errors import RollerError
+from .camera_errors import CameraError, OtherCameraError
+from .camera_file import entries_of
 from .text_file import TextFileError, read_yaml
+
+__all__ = ["Camera", "CameraError", "OtherCameraError"]
 
 F64 = npt.NDArray[np.float64]
 
@@ -32,18 +34,10 @@ _FOCAL_PX, _ASPECT = (1.0, 2e4), 3.0
 #: A part of a sensor has the optical axis elsewhere on it, px, and no further.
 _MOST_OFF_PX = 2 * _MOST_PX
 _ITERATE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-
-
+#: What a matrix's zeros may be off by.
+_ROUNDED = 1e-6
 #: Focal lengths and centre, and distortion, of one camera differ by no more than this.
 _SAME_SHARE, _SAME_DISTORTION = 1e-3, 1e-4
-
-
-class CameraError(RollerError):
-    """A calibration that can't be read or makes no sense."""
-
-
-class OtherCameraError(CameraError):
-    """Something that was calibrated with another camera."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +260,7 @@ class Camera:
             If the file can't be read or an entry is missing or wrong.
         """
         try:
-            return cls.from_matrix(*_entries(read_yaml(path)))
+            return cls.from_matrix(*entries_of(read_yaml(path)))
         except TextFileError as error:
             raise CameraError(f"camera {error}") from error
         except CameraError as error:
@@ -305,59 +299,6 @@ class Camera:
             "projection_matrix": {"rows": 3, "cols": 4, "data": projection},
         }
         return str(yaml.safe_dump(data, sort_keys=False))
-
-
-def _numbers(entry: Any) -> list[float]:
-    """The numbers of a matrix, row by row."""
-    numbers = [float(value) for value in entry["data"]]
-    if {"rows", "cols"} <= entry.keys() and int(entry["rows"]) * int(entry["cols"]) != len(numbers):
-        raise CameraError(
-            f"a matrix of {entry['rows']} × {entry['cols']} has {len(numbers)} numbers"
-        )
-    return numbers
-
-
-def _coefficients(entry: Any) -> list[float]:
-    """The same, where none may be given."""
-    none = not entry or (len(entry) < 3 and "data" not in entry and 0 in entry.values())
-    return [] if none else _numbers(entry)
-
-
-#: What a matrix's zeros may be off by.
-_ROUNDED = 1e-6
-#: How alike an entry's name must be to one that is missing to be meant for it.
-_ALIKE = 0.8
-#: Entries of a camera_info YAML file in the order of `from_matrix`: how each is read, and what
-#: stands for one that is left out; None: it must be there.
-_ENTRIES: tuple[tuple[str, Callable[[Any], Any], Any], ...] = (
-    ("image_width", int, None),
-    ("image_height", int, None),
-    ("camera_matrix", _numbers, None),
-    ("distortion_coefficients", _coefficients, ()),
-    ("distortion_model", lambda model: str(model or "plumb_bob"), "plumb_bob"),
-)
-
-
-def _entries(data: Any) -> list[Any]:
-    """What a camera_info YAML file says, for `from_matrix`; the first that is wrong is named."""
-    found: list[Any] = []
-    missing = [name for name, *_ in _ENTRIES if isinstance(data, dict) and name not in data]
-    for given in data if missing else ():
-        # Left out it would stand for a lens without distortion.
-        for meant in get_close_matches(str(given), missing, 1, _ALIKE):
-            raise CameraError(f"unknown entry '{given}'; is it '{meant}'?")
-    for name, read, default in _ENTRIES:
-        try:
-            absent = default is not None and name not in data
-            found.append(default if absent else read(data[name]))
-        except CameraError as error:
-            raise CameraError(f"entry '{name}': {error}") from error
-        except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
-            raise CameraError(
-                f"entry '{name}' is missing or wrong; expected ROS camera_info YAML "
-                "(image_width, image_height, camera_matrix, distortion_coefficients)"
-            ) from error
-    return found
 
 
 @lru_cache(maxsize=2)

@@ -12,7 +12,7 @@ from roller_emvs.patch import Patch
 
 from .cells import bin_points
 from .complete import complete
-from .height_map import HeightMap, centres
+from .height_map import Bools, HeightMap, centres
 from .map_frame import find_frame
 from .map_settings import HeightMapSettings
 from .part_extent import PartExtent, main_body
@@ -221,7 +221,7 @@ def _motion(patches: list[Patch]) -> F64:
     return np.asarray(centred @ totals / spread * (number[-1] - number[0]))
 
 
-def _chosen(patch: Patch, which: npt.NDArray[np.bool_]) -> Patch:
+def _chosen(patch: Patch, which: Bools) -> Patch:
     """Some points of a patch; mostly they are all."""
     if which.all():
         return patch

@@ -7,11 +7,10 @@ of it, or make the whole map coarse.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from roller_core.transforms import F64
 
-Bools = npt.NDArray[np.bool_]
+from .height_map import Bools
 
 #: No part has a place where nothing is seen for so long, m: along the scan, and across it as in
 #: height.
