@@ -71,6 +71,10 @@ def test_the_recipe_of_the_parameter_file_counts_unless_one_is_given(
         (["--reference", "golden:{tmp}"], "has no golden.npz"),
         (["--reference", "golden:{tmp}/none"], "no such folder"),
         (["--reference", "cad:{tmp}/recipe.yaml"], "no triangles in it"),
+        (
+            ["--reference", "cad:{tmp}/mm.obj"],
+            "mm.obj: the model is 60 m long; is it in millimetres? Models are in metres: scale it",
+        ),
         (["--export", "x3p,stl"], "'stl' is not one of"),
     ],
 )
@@ -78,6 +82,7 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(
     words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "recipe.yaml").write_text("inspect: [rim]\n")
+    (tmp_path / "mm.obj").write_text("v 0 0 0\nv 60 0 0\nv 0 20 1\nf 1 2 3\n")
     given = [word.format(tmp=tmp_path) for word in words]
     try:
         code = main(["inspect", str(tmp_path / "bag"), "--output", str(tmp_path / "out"), *given])

@@ -56,7 +56,8 @@ class CadReference:
         Raises
         ------
         ReferenceError
-            If it can't be read, breaks off, or is STEP and cascadio isn't installed.
+            If it can't be read, breaks off, is longer than any part, or is STEP and cascadio isn't
+            installed.
         """
         return cls(*read_model(path), base_from_cad)
 

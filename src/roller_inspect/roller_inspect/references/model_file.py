@@ -24,6 +24,8 @@ _STEP_TO_GLB = "import sys, cascadio as c; c.step_to_glb(*sys.argv[1:], tol_line
 _STL_HEAD, _STL_TRIANGLE, _MOST_TRIANGLES = 84, 50, 100_000_000
 #: Bytes of a PLY's head at most, and of the end of a text that are looked at.
 _PLY_HEAD, _END = 4096, 4096
+#: No part is longer, m; one of some centimetres in millimetres is.
+_LONGEST_M = 10.0
 #: More of an OBJ's corners than this share, and number, without a triangle are of triangles that
 #: are missing.
 _UNUSED, _SPARE = 0.01, 8
@@ -35,7 +37,8 @@ def read_model(path: Path) -> tuple[F64, np.ndarray]:
     Raises
     ------
     ReferenceError
-        If it can't be read, breaks off, or is STEP and cascadio isn't installed.
+        If it can't be read, breaks off, is longer than any part, or is STEP and cascadio isn't
+        installed.
     """
     if not path.is_file():
         raise ReferenceError(f"reference cad: {path}: no such file")
@@ -52,6 +55,12 @@ def read_model(path: Path) -> tuple[F64, np.ndarray]:
     if not np.isfinite(vertices).all():
         raise ReferenceError(
             f"reference cad: {path}: a corner of a triangle isn't a number; export it anew"
+        )
+    size_m = float(np.ptp(vertices, axis=0).max())
+    if size_m > _LONGEST_M:
+        raise ReferenceError(
+            f"reference cad: {path}: the model is {size_m:.3g} m long; is it in millimetres? "
+            "Models are in metres: scale it by 0.001"
         )
     return vertices, triangles
 
