@@ -3,18 +3,24 @@
 import numpy as np
 import pytest
 
-from emvs.scenes import CAMERA, MS, events_of, lines, rolling, tilted, track_of
+from emvs.scenes import CAMERA, MS, events_of, lines, rolling, tilted, tilted_scan, track_of
 from roller_core.camera import Camera
 from roller_core.dead_time import DeadTime
+from roller_core.errors import SettingsError
 from roller_core.events import EventArray, EventArrayError
 from roller_core.hot_pixels import count_events
 from roller_core.pose_track import PoseTrack
+from roller_core.stage import ERROR
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.depth_stage import DepthStage, EmvsParameters
 from roller_emvs.image_speed import ImageSpeed
 from roller_emvs.methods.paper import _vote_kernels as kernels
 from roller_emvs.methods.paper.votes import sweep_maximum
-from roller_emvs.methods.surface import SurfaceSettings
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.methods.surface.strip import Strip
+from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.rays import RayBundle
+from roller_emvs.windows import RefusedWindow
 
 OUTSIDE = EventArray.from_arrays([CAMERA.width], [0], [0], [1])
 
@@ -47,6 +53,39 @@ def test_a_camera_of_one_column_has_no_votes(monkeypatch: pytest.MonkeyPatch) ->
         Camera(1, 16, 100.0, 100.0, 0.0, 8.0), np.array([0.04, 0.05]),
     )  # fmt: skip
     assert not votes.any()
+
+
+@pytest.mark.parametrize(("near_m", "far_m"), [(1e-6, 0.047), (1e-6, 5e-6), (1e-5, 0.047)])
+def test_a_depth_so_near_that_nothing_is_in_view_is_refused(near_m: float, far_m: float) -> None:
+    depths = {"depth_min_m": near_m, "depth_max_m": far_m}
+    said = f"'depth_min_m' = {near_m:g}: the camera's view there is .* µm wide"
+    with pytest.raises(SettingsError, match=said):
+        DepthPipeline(DepthSettings.create(depths), CAMERA, PoseTrack())
+    if far_m < 6 * near_m:
+        with pytest.raises(SettingsError, match=said):
+            SurfaceSweep(SurfaceSettings.create(depths), CAMERA, PoseTrack())
+    stage = DepthStage(EmvsParameters.create(depths))
+    with pytest.raises(SettingsError, match=said):
+        stage.take_camera(CAMERA)
+    stage.take_camera(CAMERA)  # said once
+    level, text = stage.health()
+    assert level == ERROR
+    assert text.startswith(f"'depth_min_m' = {near_m:g}")
+    DepthPipeline(DepthSettings.create({"depth_min_m": 1e-4}), CAMERA, PoseTrack())
+
+
+def test_windows_whose_poses_are_too_coarse_for_the_depth_range_say_so() -> None:
+    """Their events were left out as of ramps, and nothing told of the windows."""
+    path, events, rng = track_of(rolling(0.3), 0.12), tilted_scan(0.12), np.random.default_rng(0)
+    track = PoseTrack()
+    places = path.positions + rng.normal(0, 2e-5, path.positions.shape)
+    track.extend(path.times_ns, places, path.quaternions)
+    for near_m, refused in ((1e-3, True), (0.043, False)):
+        pipeline = DepthPipeline(DepthSettings.create({"depth_min_m": near_m}), CAMERA, track)
+        pipeline.add_events(events)
+        found = list(pipeline.results(flush=True))
+        reasons = [w.reason for w in found if isinstance(w, RefusedWindow)]
+        assert any("a pixel at depth_min_m = 0.001 is 1.2 µm" in r for r in reasons) == refused
 
 
 def test_poses_seconds_apart_place_events_as_closer_ones_do() -> None:

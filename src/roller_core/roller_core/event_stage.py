@@ -95,6 +95,8 @@ class EventStage(Stage[E], Generic[E, P]):
         ------
         OtherCameraError
             If the settings are for another camera; nothing is taken until one comes that fits.
+        RollerError
+            If nothing can be made of it; as above.
         """
         wanted = self.settings.calibrated_camera
         if any(wanted) and not camera.same_intrinsics(wanted):
@@ -103,16 +105,21 @@ class EventStage(Stage[E], Generic[E, P]):
                 "calibrated with (calibrated_camera): calibrate again, or leave params:= away"
             )
             raise OtherCameraError(self.refused)
-        self.refused = ""
         if self.camera == camera:
             return
+        self.refused = ""
         if self.stream is None:
             self.stream = EventStream(camera.width, camera.height)
         else:
             self._finish()
             self.stream.new_source(camera.width, camera.height)
         self.camera = camera
-        self._begin()
+        try:
+            self._begin()
+        except RollerError as error:
+            self.refuse_camera(str(error))
+            self.camera = camera  # the same again says nothing new
+            raise
         for packet in self._early.take_all():
             try:
                 if packet is None:

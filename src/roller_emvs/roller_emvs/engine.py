@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from roller_core.camera import Camera
+from roller_core.errors import SettingsError
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.pose_evenness import StampWatch, UnevenStampsError
@@ -16,6 +17,10 @@ from .method_settings import MethodSettings
 from .windows import RefusedWindow
 
 C = TypeVar("C", bound=EventCutter)
+
+#: A view of the nearest depth is no narrower, m: there no place is seen twice, and what a pixel
+#: sees is less than poses scatter by.
+_LEAST_VIEW_M = 2e-5
 
 
 @dataclass(slots=True)
@@ -49,11 +54,17 @@ class DepthEngine(Generic[C]):
         Camera optical frame in base; the caller goes on adding poses to it.
     cutter : EventCutter
         Holds events until they can be worked on.
+
+    Raises
+    ------
+    SettingsError
+        If the nearest depth is too near for any view of it.
     """
 
     def __init__(
         self, settings: MethodSettings, camera: Camera, track: PoseTrack, cutter: C
     ) -> None:
+        _check_view(settings.depth_min_m, camera)
         self.camera = camera
         self.track = track
         self._cutter = cutter
@@ -135,6 +146,15 @@ class DepthEngine(Generic[C]):
         else:
             self._counts.windows += 1
             self._counts.points += points
+
+
+def _check_view(near_m: float, camera: Camera) -> None:
+    view_m = near_m * max(camera.width / camera.fx, camera.height / camera.fy)
+    if view_m < _LEAST_VIEW_M:
+        raise SettingsError(
+            f"'depth_min_m' = {near_m:g}: the camera's view there is {view_m * 1e6:.2g} µm wide, "
+            "which gives no depth; set depth_min_m and depth_max_m around the surface, in metres"
+        )
 
 
 def contact_figures(engine: DepthEngine[Any]) -> dict[str, object]:

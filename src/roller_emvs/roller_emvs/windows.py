@@ -24,6 +24,8 @@ from .window_ends import LEAST_TRAVEL, WindowEnd, end_by_travel
 
 #: Share of a window that the last one must have, by rule.
 _LEAST_SHARE = {"travel": LEAST_TRAVEL, "time": 0.5}
+#: A robot's poses lie off its path by about so much, m: who lets less pass loses all events.
+_POSES_ERR_M = 1e-5
 
 
 @dataclass(frozen=True)
@@ -122,12 +124,15 @@ class WindowCutter(EventCutter):
                 return None
             end, following, reason, fault = found
             self.at_rest = self._travel.at_rest and end == self._travel.end_ns
+            ramps = self.ramp_events
             window = self._take(start, end, following, placed=fault is None)
             if self._in_gap(start, end):
                 self.left_out += 1
                 continue
             if not len(window.events) and not reason:
-                continue  # nothing happened; go on to the next
+                reason = self._too_near() if self.ramp_events > ramps else ""
+                if not reason:
+                    continue  # nothing happened; go on to the next
             try:
                 self._track.check(start, end)
             except PoseError as error:
@@ -140,6 +145,16 @@ class WindowCutter(EventCutter):
                 return RefusedWindow(start, end, len(window.events), reason, fault)
             return window
         return None
+
+    def _too_near(self) -> str:
+        """Why no event was left of a window, if the depth range is to blame."""
+        if self.most_bend_m >= _POSES_ERR_M:
+            return ""
+        return (
+            f"a pixel at depth_min_m = {self._settings.depth_min_m:g} is "
+            f"{self.most_bend_m * 1e6:.2g} µm, finer than poses tell the path: no event has a "
+            "place; set depth_min_m nearer to the surface"
+        )
 
     def _still_there(self, t_ns: int) -> bool:
         """Whether the sensor is where it came to rest when the last window ended."""
