@@ -192,13 +192,20 @@ def test_medians_of_all_sizes_are_masked_medians() -> None:
             np.testing.assert_allclose(found[:, k], expected[mask], atol=1e-5)
 
 
-def test_margins_give_every_threshold() -> None:
-    votes = np.random.default_rng(0).gamma(2.0, 10.0, (60, 80)).astype(np.float32)
+@pytest.mark.parametrize("shape", [(60, 80), (41, 97), (7, 33), (5, 3)])
+@pytest.mark.parametrize("kernel_px", [1, 3, 5])
+def test_margins_give_every_threshold(shape: tuple[int, int], kernel_px: int) -> None:
+    """Blocks without a high level, which the threshold passes over, among them."""
+    rng = np.random.default_rng(0)
+    votes = rng.gamma(2.0, 10.0, shape).astype(np.float32)
     votes[:20] = 0
-    for scale in (0.0, 48.0):
-        margin = margins(votes, 5, scale)
-        for c in (0, 5, 20):
-            np.testing.assert_array_equal(margin > c, adaptive_threshold(votes, c, 5, scale))
+    few = votes * (rng.random(shape) < 0.02)
+    for given in (votes, few):
+        for scale in (0.0, 48.0):
+            margin = margins(given, kernel_px, scale)
+            for c in (0, 5, 20):
+                taken = adaptive_threshold(given, c, kernel_px, scale)
+                np.testing.assert_array_equal(margin > c, taken)
 
 
 @pytest.mark.parametrize(("views", "parts", "count"), [(1, 7, 1), (2, 10, 11), (3, 18, 190)])

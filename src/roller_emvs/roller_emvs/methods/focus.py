@@ -14,7 +14,9 @@ and points follow them, as in `surface`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -160,13 +162,20 @@ def _points(
         return found.whole()
     with watch("lines"):
         every = min(1 + len(seen.packets.events) // _ENOUGH, _MOST_LEFT_OUT)
-        some = replace(seen, packets=seen.packets.sample(every)).ray_field().some
+        some = _some_rays(seen, field, every)
         columns, light = (0, field.shape[1]), TravellingLight()
         found, _ = refine(
             field, found, lambda k: RayArray(some(k)), columns, s.edge_drift, light, blind_m,
             s.threads, as_points=False, held=False,
         )  # fmt: skip
     return found
+
+
+def _some_rays(seen: WindowView, field: EvidenceField, every: int) -> Callable[[int], F32]:
+    """Takes a polarity and gives the rays of every n-th event; those of the field if it has any."""
+    if isinstance(field, RayField):
+        return partial(field.some, every=every)
+    return replace(seen, packets=seen.packets.sample(every)).ray_field().some
 
 
 def _look_for(ends: PatchEnds, seen: WindowView, found: Relief, threads: int) -> None:

@@ -11,6 +11,8 @@ from roller_emvs.rays import F32, I64
 
 #: Neighbourhood of the adaptive threshold, px (paper).
 KERNEL_PX = 5
+#: Columns of a row that are looked at together.
+_BLOCK = 32
 
 Mask = npt.NDArray[np.bool_]
 
@@ -36,7 +38,8 @@ def adaptive_threshold(votes: F32, c: float, kernel_px: int, full_scale_votes: f
     mask, scale = np.zeros(votes.shape, np.bool_), _scale(votes, full_scale_votes)
     if scale is not None:
         taps = _taps(kernel_px)
-        _stand_out(votes, *scale, taps, np.float32(c), *_lines(votes, taps), mask)
+        blocks = np.empty((2, kernel_px, -(-votes.shape[1] // _BLOCK)), np.uint8)
+        _stand_out(votes, *scale, taps, np.float32(c), *_lines(votes, taps), *blocks, mask)
     return mask
 
 
@@ -127,25 +130,57 @@ def _mean(y, taps, places, sums, mean):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _stand_out(votes, low, scale, taps, c, places, levels, sums, mean, mask):  # type: ignore[no-untyped-def]
+def _find_strong(given, first, width, low, scale, c, out, to, strong):  # type: ignore[no-untyped-def]
+    """Votes of a row in whole levels, as OpenCV's, and the blocks in which one exceeds `c`."""
+    for b in range(len(strong)):
+        count = np.uint64(min(_BLOCK, width - b * _BLOCK))
+        at, own, some = np.uint64(first + b * _BLOCK), np.uint64(to + b * _BLOCK), np.int32(0)
+        for x in range(count):
+            level = np.floor((given[at + x] - low) * scale)
+            out[own + x] = level
+            some += np.int32(level > c)
+        strong[b] = some > 0
+
+
+@njit(cache=True, nogil=True)
+def _stand_out(votes, low, scale, taps, c, places, levels, sums, mean, strong, summed, mask):  # type: ignore[no-untyped-def]
     """Pixels whose level exceeds the mean around, rounded, by `c`.
 
-    At the border the neighbourhood is cut off and every stray event stands out.
+    At the border the neighbourhood is cut off and every stray event stands out. No mean is below
+    0: blocks of a row without a level above `c`, `strong`, are passed over, and rows summed where
+    a block beside needs it, `summed`.
     """
     height, width = mask.shape
-    border = max(len(taps) - 1, 1)
-    first, count = np.uint64(border), np.uint64(max(width - 2 * border, 0))
+    rows, reach = len(levels), len(taps) - 1
+    border = max(reach, 1)
     given, own, out = votes.reshape(-1), levels.reshape(-1), mask.reshape(-1)
+    along = sums.reshape(-1)
     for y in range(height):
-        _add_row(votes, y, low, scale, taps, places, levels, sums)
-        row = y - (len(taps) - 1)
-        if row >= border and row < height - border:
-            _mean(row, taps, places, sums, mean)
-            at = np.uint64(row * width) + first
-            level = np.uint64((row % len(levels)) * width) + first
-            for x in range(count):
-                above = own[level + x] > mean[first + x] + c
-                out[at + x] = above & (given[at + x] > 0)
+        held = y % rows
+        _find_strong(given, y * width, width, low, scale, c, own, held * width, strong[held])
+        summed[held] = 0
+        row = y - reach
+        if row < border or row >= height - border:
+            continue
+        for b in range(strong.shape[1]):
+            if not strong[row % rows, b]:
+                continue
+            x = max(b * _BLOCK, border)
+            count = max(min((b + 1) * _BLOCK, width - border) - x, 0)
+            for k in range(-reach, reach + 1):
+                at = (row + k) % rows
+                if not summed[at, b]:
+                    for j in range(rows):
+                        places[j] = at * width + x - reach + j
+                    _add_by_taps(own, places, taps, count, along, at * width + x)
+                    summed[at, b] = 1
+            for j in range(rows):
+                places[j] = ((row + j - reach) % rows) * width + x
+            _add_by_taps(along, places, taps, count, mean, 0)
+            first, level = np.uint64(row * width + x), np.uint64((row % rows) * width + x)
+            for i in range(np.uint64(count)):
+                above = own[level + i] > np.rint(mean[i]) + c
+                out[first + i] = above & (given[first + i] > 0)
 
 
 @njit(cache=True, nogil=True)
