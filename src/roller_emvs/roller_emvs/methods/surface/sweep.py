@@ -46,8 +46,8 @@ from .strip_rays import StripRays, ray_field
 from .surface_patch import SurfacePatch
 from .surface_settings import SurfaceSettings
 
-#: Under a printed texture every second event is enough for lines.
-_TEXTURED_EVERY = 2
+#: Every second event is enough for lines.
+_LINES_EVERY = 2
 
 #: Measured pixels, and where they lie on the strip along and across, metres.
 Measured = tuple[Relief, F64, F64]
@@ -203,12 +203,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
         textured = found.textured  # it has events and points enough
-        every = _TEXTURED_EVERY if textured else 1
         found, lines = refine(
-            field, found, lambda polarity: work.rays(polarity, every), work.columns,
+            field, found, lambda polarity: work.rays(polarity, _LINES_EVERY), work.columns,
             self._drifts[textured], light, blind_m, s.threads, as_points=not textured,
         )  # fmt: skip
-        if textured and not ends.known and find_ends(ends, work, found, lines, every):
+        if textured and not ends.known and find_ends(ends, work, found, lines, _LINES_EVERY):
             work.strip.ends = ends.ends
             return None
         if self.on_lines is not None:
