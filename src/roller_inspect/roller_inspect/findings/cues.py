@@ -73,6 +73,8 @@ class Cues:
     fine_m: F32
     #: Area of known cells that a point stands for as a rule, m²; 0 where there is none.
     point_area_m2: float
+    #: Where findings are looked for. Shape (ny, nx).
+    usable: Bools
 
 
 def height_cue(
@@ -146,7 +148,7 @@ def height_cue(
     strong = (size > settings.strong_z) | edges
     per_point = _area_of_a_point(height_map)
     weak = size > settings.weak_z
-    return Cues(best, weak, strong, usual, around, edges, weights[0], fine, per_point)
+    return Cues(best, weak, strong, usual, around, edges, weights[0], fine, per_point, usable)
 
 
 def _grain(scale_cells: float) -> int:

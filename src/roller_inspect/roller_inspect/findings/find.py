@@ -14,6 +14,7 @@ from .components import Component, components
 from .cues import height_cue
 from .finder_settings import FindingSettings
 from .finding import Finding
+from .floors import with_floors
 from .sizes import measure
 
 #: A rise that lies in a crater's outline by more than this share is the crater's edge.
@@ -72,6 +73,7 @@ def search(
     local = reference.name != "self"
     comparison = reference.compare(height_map, masked)
     cues = height_cue(height_map, comparison, settings, local)
+    cues = with_floors(cues, height_map.step_m, settings)
     parts = components(cues)
     found: list[tuple[Finding, Component]] = []
     craters: list[Component] = []
