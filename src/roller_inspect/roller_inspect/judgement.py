@@ -43,6 +43,8 @@ class Judged:
     limit: str
     #: Depth that it may have there; None where its tolerance is of other sizes.
     depth_limit_m: float | None = None
+    #: Whether only what of it was searched is within its limits.
+    cut: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,15 +119,22 @@ def _judged(
 ) -> Judged:
     region = tolerance.region or next(iter(inside), "")
     verdicts: dict[str, Verdict] = {}
+    open_sizes = set()
     for name, most in tolerance.limits().items():
         value, u = abs(getattr(finding, name)), getattr(finding.uncertainty, name)
         verdicts[name] = decide(value, u, -math.inf, most, recipe.decision)
+        # What was seen is within: the whole may not be.
+        if verdicts[name] == "conform" and name in finding.at_least:
+            verdicts[name] = "inconclusive"
+            open_sizes.add(name)
     # The worst of its sizes decides.
     for verdict in ("nonconform", "inconclusive", "unmeasured"):
         bad = next((name for name, v in verdicts.items() if v == verdict), None)
         if bad is not None:
             limit = _limit(bad, tolerance.limits()[bad])
-            return Judged(finding, region, verdict, limit, tolerance.depth_m)
+            cut = bad in open_sizes
+            limit += ", and it goes on beyond what was searched" * cut
+            return Judged(finding, region, verdict, limit, tolerance.depth_m, cut)
     first, most = next(iter(tolerance.limits().items()))
     return Judged(finding, region, "conform", _limit(first, most), tolerance.depth_m)
 
@@ -187,7 +196,8 @@ def _reason(
     figures: tuple[Figure, ...],
 ) -> str:
     bad = sum(j.verdict == "nonconform" for j in judged)
-    unclear = sum(j.verdict not in ("conform", "nonconform") for j in judged)
+    cut = sum(j.cut for j in judged)
+    unclear = sum(j.verdict not in ("conform", "nonconform") for j in judged) - cut
     parts = []
     if not coverage.area_m2:
         parts.append("nothing was measured")
@@ -206,6 +216,9 @@ def _reason(
             if unclear == 1
             else f"{unclear} findings as near to their limit as they are uncertain"
         )
+    if cut:
+        some = "1 finding goes" if cut == 1 else f"{cut} findings go"
+        parts.append(f"{some} on beyond what was searched: how large in all is not known")
     if wrong := sum(f.verdict == "nonconform" for f in figures):
         parts.append(f"{wrong} of {len(figures)} measures out of tolerance")
     if unsure := sum(f.verdict in ("inconclusive", "unmeasured") for f in figures):

@@ -18,7 +18,7 @@ _SIZES = ("length_m", "width_m", "depth_m", "area_m2", "volume_m3")
 _HEAD = (
     "id", "kind", "region", "x_m", "y_m", "z_m",
     *(name for size in _SIZES for name in (size, f"U_{size}")),
-    "confidence", "verdict", "rim_m",
+    "confidence", "verdict", "rim_m", "at_least",
 )  # fmt: skip
 
 
@@ -31,7 +31,12 @@ def write_findings_csv(path: Path, findings: Iterable[Mapping[str, Any]]) -> Non
             sizes = [v for name in _SIZES for v in (found[name], found["uncertainty"].get(name))]
             writer.writerow(
                 [found["id"], found["kind"], found["region"], *found["center_m"], *sizes]
-                + [found["confidence"], found["verdict"], found["rim_m"]]
+                + [
+                    found["confidence"],
+                    found["verdict"],
+                    found["rim_m"],
+                    " ".join(found["at_least"]),
+                ]
             )
 
 

@@ -73,8 +73,10 @@ class Cues:
     fine_m: F32
     #: Area of known cells that a point stands for as a rule, m²; 0 where there is none.
     point_area_m2: float
-    #: Where findings are looked for. Shape (ny, nx).
+    #: Where findings are looked for, and what lies beyond the border of that, without inner gaps.
+    #: Shapes (ny, nx).
     usable: Bools
+    outer: Bools
 
 
 def height_cue(
@@ -148,7 +150,20 @@ def height_cue(
     strong = (size > settings.strong_z) | edges
     per_point = _area_of_a_point(height_map)
     weak = size > settings.weak_z
-    return Cues(best, weak, strong, usual, around, edges, weights[0], fine, per_point, usable)
+    outer = _outer(usable & (height_map.state != OUTSIDE))
+    return Cues(
+        best,
+        weak,
+        strong,
+        usual,
+        around,
+        edges,
+        weights[0],
+        fine,
+        per_point,
+        usable,
+        outer,
+    )
 
 
 def _grain(scale_cells: float) -> int:
@@ -234,6 +249,12 @@ def inspectable(height_map: HeightMap, edge_m: float) -> Bools:
     away = cv2.distanceTransform(np.pad(area, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # Squares of distances are whole numbers of cells.
     return away[1:-1, 1:-1] > np.sqrt(np.floor(np.square(edge_m / step) + 1e-9) + 0.5)
+
+
+def _outer(usable: Bools) -> Bools:
+    """What lies beyond the border of what is searched, but for gaps in it."""
+    _, labels = cv2.connectedComponents(np.pad(~usable, 1, constant_values=True).view(np.uint8))
+    return np.asarray(labels[1:-1, 1:-1] == labels[0, 0], bool)
 
 
 def _claimed(height_map: HeightMap) -> F32:

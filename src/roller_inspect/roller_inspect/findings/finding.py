@@ -53,3 +53,6 @@ class Finding:
     rim_m: float = 0.0
     #: What the uncertainty of its depth is made of.
     budget: Budget | None = field(default=None, repr=False)
+    #: Names of the figures that are at least what is given, as it goes on beyond the border of what
+    #: was searched.
+    at_least: tuple[str, ...] = ()

@@ -34,6 +34,8 @@ class Neighbourhood:
     #: Deviation smoothed at the finest scale, m, and where it is known.
     fine: F32
     known: Bools
+    #: Beyond the border of what is searched.
+    outer: Bools
 
     @classmethod
     def around(
@@ -59,7 +61,7 @@ class Neighbourhood:
         fine = cues.fine_m[window]
         return cls(
             window, part, step, deviation, mask, cues.weak[window] & ~mask, cues.weight[window],
-            fine, np.isfinite(fine) & part.known,
+            fine, np.isfinite(fine) & part.known, cues.outer[window],
         )  # fmt: skip
 
     def level_around(self) -> float:

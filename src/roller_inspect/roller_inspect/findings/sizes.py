@@ -13,6 +13,7 @@ from roller_inspect.references.reference import Comparison
 
 from .components import Component
 from .cues import Cues, connected, disc
+from .cut import lower_bounds
 from .finder_settings import FindingSettings, Limits
 from .finding import Finding, Kind
 from .neighbourhood import RING_M, Neighbourhood
@@ -54,6 +55,8 @@ class _Size:
     area: float
     volume: float
     points: int
+    #: Names of what is at least that.
+    at_least: tuple[str, ...]
     rim: float = 0.0
 
     def within(self, limits: Limits) -> bool:
@@ -131,6 +134,7 @@ def measure(
         final=True,
         rim_m=size.rim,
         budget=budget,
+        at_least=size.at_least,
     )
     rows, columns = (
         slice(w.start, w.start + n) for w, n in zip(window, size.shape.shape, strict=True)
@@ -171,6 +175,7 @@ def _size(
         area=int(shape.sum()) * cell_m2,
         volume=sign * float(np.nansum(np.where(shape & known, signed, 0.0))) * cell_m2,
         points=int(part.points[shape].sum(dtype=np.int64)),
+        at_least=lower_bounds(shape, signed, known, place.outer, limit, depth, place.step_m),
     )
 
 

@@ -19,6 +19,11 @@ from .svg import Chart
 _DETAIL_PX = 410
 #: Findings that are drawn one by one; the table has all.
 _MOST_DETAILS = 40
+#: Sizes in the table, in which unit, with how many digits and whether signed.
+_SHOWN = (
+    ("length_m", 1e3, 2, False), ("width_m", 1e3, 2, False), ("depth_m", 1e6, 0, True),
+    ("area_m2", 1e6, 2, False), ("volume_m3", 1e9, 3, True),
+)  # fmt: skip
 #: Around a finding, m at least, and by its length.
 _MARGIN_M, _MARGIN = 1e-3, 0.6
 
@@ -40,7 +45,8 @@ def findings_section(document: Mapping[str, Any], pictured: Pictured | None) -> 
     )
     note = (
         '<p class="legend">Depths: + extra, − missing, as the skin followed the surface; it '
-        "bridges what is narrower than about half a millimetre. ± U: expanded uncertainty, k = 2."
+        "bridges what is narrower than about half a millimetre. ± U: expanded uncertainty, k = 2. "
+        "≥: at least, by size; the finding goes on beyond what was searched."
         "</p>"
     )
     return (
@@ -56,11 +62,10 @@ def _finding_row(f: Mapping[str, Any]) -> list[str]:
         f["kind"],
         escape(f["region"] or "–"),
         f"{x * 1e3:.2f}, {y * 1e3:.2f}".replace("-", "−"),
-        with_u(f["length_m"], u["length_m"], 1e3, 2),
-        with_u(f["width_m"], u["width_m"], 1e3, 2),
-        with_u(f["depth_m"], u["depth_m"], 1e6, 0, sign=True),
-        with_u(f["area_m2"], u["area_m2"], 1e6, 2),
-        with_u(f["volume_m3"], u["volume_m3"], 1e9, 3, sign=True),
+        *(
+            "≥ " * (name in f["at_least"]) + with_u(f[name], u[name], scale, digits, sign=sign)
+            for name, scale, digits, sign in _SHOWN
+        ),
         f"{f['confidence']:.2f}",
         f'<b class="{f["verdict"]}">{WORDS[f["verdict"]].lower()}</b>',
     ]
@@ -85,6 +90,7 @@ def _card(f: Mapping[str, Any], pictured: Pictured) -> str:
     words = (
         f"<b>{f['id']}</b> {f['kind']}, {f['length_m'] * 1e3:.2f} × {f['width_m'] * 1e3:.2f} mm, "
         f"{with_u(f['depth_m'], u, 1e6, 0, sign=True)} µm"
+        + (" at least, as it goes on beyond what was searched" if f["at_least"] else "")
         + (" (seen by edges alone)" if f["cues"] == ["edges"] else "")
         + (f", edge raised by {f['rim_m'] * 1e6:.0f} µm: " if f["rim_m"] else ": ")
         + f'<b class="{f["verdict"]}">{WORDS[f["verdict"]].lower()}</b>'
