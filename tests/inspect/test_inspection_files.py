@@ -3,15 +3,18 @@
 import csv
 import json
 import re
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pytest
 
 from roller_bringup.cli import main
+from roller_core.calibration_file import SECTION
 from roller_core.outputs import DEVIATION, FINDINGS
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
 from roller_inspect.height_map.coverage import Coverage
@@ -338,3 +341,30 @@ def test_cells_finer_than_the_finest_scale_needs() -> None:
     (judged,) = finished(results).judgement.findings
     assert judged.finding.kind == "dent"
     assert judged.finding.depth_m == pytest.approx(-3e-4, abs=6e-5)
+
+
+@pytest.mark.parametrize(
+    ("dates", "said"),
+    [
+        ({}, None),
+        ({"hand_eye": "2025-03-04T05:06:07Z"}, "2025-03-04T05:06:07Z"),
+        (
+            {"hand_eye": "2025-03-04T05:06:07Z", "edge_drift": "2024-01-02T03:04:05Z"},
+            "2024-01-02T03:04:05Z",
+        ),
+        ({"hand_eye": "2025-03-04T05:06:07Z", "edge_drift": "last week"}, None),
+    ],
+)
+def test_x3p_has_the_date_of_calibration_or_none(
+    dates: dict[str, str], said: str | None, tmp_path: Path
+) -> None:
+    params = tmp_path / "cell.yaml"
+    records = {kind: {"date": date} for kind, date in dates.items()}
+    params.write_text(json.dumps({SECTION: {"ros__parameters": records}}))
+    stage, results = inspect(scan(HOLE, **SMALL))
+    part = finished(results)
+    document = inspection_document(part, stage.recipe, Scan(params=params))
+    write_inspection(tmp_path, document, part.found, 1e-4, ("x3p",))
+    with zipfile.ZipFile(tmp_path / "height_map.x3p") as file:
+        record = ElementTree.fromstring(file.read("main.xml")).find("Record2")
+    assert (record.findtext("CalibrationDate") if record is not None else None) == said

@@ -27,23 +27,25 @@ http://www.opengps.eu/2008/ISO5436_2/ISO5436_2.xsd">
 <Increment>1</Increment><Offset>0</Offset></CZ>
     </Axes>
   </Record1>
-  <Record2>
-    <Date>{date}</Date>
-    <Instrument><Manufacturer>roller inspection workspace</Manufacturer>\
-<Model>event-camera tactile roller</Model><Serial>-</Serial><Version>{version}</Version>\
-</Instrument>
-    <CalibrationDate>{date}</CalibrationDate>
-    <ProbingSystem><Type>NonContacting</Type><Identification>soft skin, optical</Identification>\
-</ProbingSystem>
-    <Comment>{comment}</Comment>
-  </Record2>
-  <Record3>
+{about}  <Record3>
     <MatrixDimension><SizeX>{nx}</SizeX><SizeY>{ny}</SizeY><SizeZ>1</SizeZ></MatrixDimension>
     <DataLink><PointDataLink>bindata/data.bin</PointDataLink>\
 <MD5ChecksumPointData>{md5}</MD5ChecksumPointData></DataLink>
   </Record3>
   <Record4><ChecksumFile>md5checksum.hex</ChecksumFile></Record4>
 </p:ISO5436_2>
+"""
+#: The schema wants a date of calibration in this record, not the record.
+_ABOUT = """  <Record2>
+    <Date>{date}</Date>
+    <Instrument><Manufacturer>roller inspection workspace</Manufacturer>\
+<Model>event-camera tactile roller</Model><Serial>-</Serial><Version>{version}</Version>\
+</Instrument>
+    <CalibrationDate>{calibrated}</CalibrationDate>
+    <ProbingSystem><Type>NonContacting</Type><Identification>soft skin, optical</Identification>\
+</ProbingSystem>
+    <Comment>{comment}</Comment>
+  </Record2>
 """
 
 
@@ -54,6 +56,7 @@ def write_x3p(
     height_m: npt.NDArray[np.float32],
     version: str = "0",
     comment: str = "",
+    calibrated: str = "",
 ) -> None:
     """Write a height map as X3P.
 
@@ -67,13 +70,19 @@ def write_x3p(
         Metres; NaN where there is none.
     version, comment : str
         Of the software; for people.
+    calibrated : str
+        When the instrument was, as ISO 8601; empty: not known, and the file says nothing of the
+        instrument.
     """
     data = np.ascontiguousarray(height_m, "<f4").tobytes()
+    about = _ABOUT.format(
+        date=datetime.now(timezone.utc).isoformat(timespec="seconds"), version=_escaped(version),
+        comment=_escaped(comment), calibrated=_escaped(calibrated),
+    )  # fmt: skip
     text = _MAIN.format(
         dx=_spacing(x_m), dy=_spacing(y_m), x0=float(x_m[0]), y0=float(y_m[0]),
         nx=len(x_m), ny=len(y_m), md5=hashlib.md5(data, usedforsecurity=False).hexdigest().upper(),
-        date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        version=_escaped(version), comment=_escaped(comment),
+        about=about if calibrated else "",
     )  # fmt: skip
     main = text.encode()
     total = hashlib.md5(main, usedforsecurity=False).hexdigest()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,10 @@ def write_inspection(
     write_height_png(folder / "height_map.png", grid.x_m, grid.y_m, known)
     if "x3p" in exports:
         version = document["traceability"]["software"]["roller"]
-        write_x3p(folder / "height_map.x3p", grid.x_m, grid.y_m, known, version, document["part"])
+        write_x3p(
+            folder / "height_map.x3p", grid.x_m, grid.y_m, known, version, document["part"],
+            _calibrated(document["traceability"]["calibrations"]),
+        )  # fmt: skip
     if "sdf" in exports:
         write_sdf(folder / "height_map.sdf", grid.x_m, grid.y_m, known)
     pictured = picture = None
@@ -70,6 +74,15 @@ def write_inspection(
     (folder / "inspection.html").write_text(html, encoding="utf-8")
     if "pdf" in exports:
         write_pdf(folder / "inspection.pdf", html, _text(document), picture)
+
+
+def _calibrated(calibrations: Mapping[str, str]) -> str:
+    """The oldest date of some calibrations; empty if one isn't known, or there is none."""
+    dates = [text.split(" ")[0] for text in calibrations.values()]
+    try:
+        return min(dates, key=lambda date: datetime.strptime(date, "%Y-%m-%dT%H:%M:%SZ"))
+    except ValueError:
+        return ""
 
 
 def _text(document: Mapping[str, Any]) -> list[str]:
