@@ -1,78 +1,21 @@
-"""The reader: packets, faults of the stream, unplugging; against the camera's model."""
+"""The reader: packets, biases while it streams, high rates; against the camera's model."""
 
 import time
 
 import numpy as np
 import pytest
 
-from driver.emulation.camera_model import CameraModel, Fault
-from driver.emulation.camera_words import encode_words, in_order, is_reference
-from driver.emulation.usb_backend import EmulatedBackend
+from driver.emulation.camera_model import CameraModel
+from driver.emulation.camera_words import encode_words
+from driver.emulation.running_reader import Running, same, scan
 from roller_core.codecs import ENCODED_ENCODINGS, PacketDecoder, encode
 from roller_core.events import EventArray
 from roller_driver.dvxplorer import protocol as p
 from roller_driver.dvxplorer.camera_settings import SensorSettings
-from roller_driver.dvxplorer.device import CameraDevice
-from roller_driver.dvxplorer.discovery import open_camera
 from roller_driver.dvxplorer.errors import CameraControlError
 from roller_driver.dvxplorer.packets import Packetiser
 from roller_driver.dvxplorer.preview import Preview
-from roller_driver.dvxplorer.reader import (
-    SEARCHING,
-    SILENT,
-    STREAMING,
-    CameraReader,
-    ReaderSettings,
-)
-from waiting import wait_until
-
-
-def scan(n=20_000, frames=300, seed=1, start_us=1_000_000):
-    """Events on distinct pixels of read-out frames 200 µs apart."""
-    rng = np.random.default_rng(seed)
-    pixels = np.concatenate([rng.choice(640 * 480, n // frames, replace=False)
-                             for _ in range(frames)])  # fmt: skip
-    t = np.repeat(np.arange(frames) * 200 + start_us, n // frames)
-    events = EventArray.from_arrays(
-        pixels % 640, pixels // 640, t * 1000, rng.integers(0, 2, len(t))
-    )
-    return in_order(events)
-
-
-class Running:
-    """A reader on a model, and what it handed out."""
-
-    def __init__(self, model, sensor=None, on_failure=None, **settings):
-        self.backend, self.sensor = EmulatedBackend(model), sensor or SensorSettings()
-        self.packets, self.changes = [], []
-        self.reader = CameraReader(
-            self._connect, self.packets.append,
-            on_change=lambda state, fault: self.changes.append((state, fault)),
-            on_failure=on_failure, settings=ReaderSettings(retry_s=0.05, **settings),
-        )  # fmt: skip
-
-    def _connect(self):
-        camera = open_camera(self.backend)
-        camera.configure(self.sensor)
-        self.ignored = camera.ignored
-        return camera
-
-    def __enter__(self):
-        self.reader.start()
-        return self
-
-    def __exit__(self, *_):
-        self.reader.stop()
-
-    @property
-    def events(self):
-        return EventArray.concatenate([part.events for part in self.packets])
-
-    def wait(self, condition, timeout_s=10.0):
-        wait_until(condition, lambda: (self.reader.status, self.changes), timeout_s)
-
-    def wait_for(self, n):
-        self.wait(lambda: sum(len(part.events) for part in self.packets) >= n)
+from roller_driver.dvxplorer.reader import SEARCHING, SILENT, STREAMING
 
 
 @pytest.mark.parametrize("firmware", [8, 10])
@@ -98,22 +41,6 @@ def test_biases_are_set_while_it_streams(firmware):
         running.reader.set_biases(one)  # kept for the next
 
 
-@pytest.mark.parametrize("where", ["packet", "read", "run"])
-def test_a_fault_of_ours_is_handed_on_and_not_a_reader_that_stands_still(where, monkeypatch):
-    failed, broken = [], RuntimeError("broken")
-
-    def fail(*_):
-        raise broken
-
-    if where != "packet":
-        monkeypatch.setattr(CameraDevice, where, fail)
-    with Running(CameraModel(encode_words(scan()).tobytes()), None, failed.append) as running:
-        if where == "packet":
-            running.reader._on_packet = fail
-        running.wait(lambda: failed)
-    assert failed == [broken]
-
-
 def test_thresholds_that_an_old_camera_lacks_are_told_and_block_nothing():
     model = CameraModel(encode_words(scan()).tobytes(), 9, bytes_per_s=50_000)
     settings = SensorSettings(contrast_threshold_on=3)
@@ -128,11 +55,6 @@ def test_thresholds_that_an_old_camera_lacks_are_told_and_block_nothing():
             with pytest.raises(CameraControlError, match="9 has no contrast_threshold_on and _off"):
                 running.reader.set_biases(wanted.changed({"contrast_threshold_off": 5}))
         running.reader.set_biases(wanted)
-
-
-def same(a, b):
-    a, b = in_order(a), in_order(b)
-    return all(np.array_equal(getattr(a, f), getattr(b, f)) for f in ("x", "y", "t_ns", "p"))
 
 
 @pytest.mark.parametrize("firmware", [8, 10])
@@ -161,79 +83,6 @@ def test_packets_go_through_every_encoding():
         back = [decoder.decode(encode(encoding, part.events, part.time_base_ns),
                                part.time_base_ns).events for part in running.packets]  # fmt: skip
         assert same(EventArray.concatenate(back), events), encoding
-
-
-def test_short_transfers_stalls_and_odd_lengths_lose_nothing():
-    events = scan()
-    raw = encode_words(events).tobytes()
-    faults = [Fault(1001, "short"), Fault(20_000, "stall"), Fault(30_003, "short"),
-              Fault(40_000, "stall")]  # fmt: skip
-    with Running(CameraModel(raw, faults=faults), transfer_bytes=16384) as running:
-        running.wait_for(len(events))
-        assert running.reader.status.usb.stalls == 2
-    assert same(running.events, events)
-    assert running.reader.status.connects == 1
-
-
-def test_an_endpoint_that_stays_halted_is_given_up_and_connected_again():
-    events = scan(3000, 100)
-    model = CameraModel(encode_words(events).tobytes(), faults=[Fault(4000, "stall")])
-    model.clear_halt = lambda: None
-    with Running(model) as running:
-        running.wait(lambda: running.reader.status.connects >= 2)
-    assert any("stalled 11 times in a row" in fault for _, fault in running.changes)
-
-
-def test_unplugged_and_plugged_in_again():
-    first, second = scan(seed=1), scan(seed=2, start_us=3_000)
-    raw = encode_words(first).tobytes()
-    model = CameraModel(raw, faults=[Fault(len(raw) // 2, "unplug")])
-    with Running(model) as running:
-        running.wait(lambda: not model.plugged)
-        running.wait(lambda: "no DVXplorer Mini" in running.reader.status.fault)
-        assert running.reader.status.state == SEARCHING
-        got = len(running.events)
-        assert 0.4 * len(first) < got < 0.6 * len(first)
-        model.plug(encode_words(second).tobytes())
-        running.wait_for(got + len(second))
-    assert same(running.events[got:], second)
-    assert running.reader.status.connects == 2
-    states = [state for state, _ in running.changes]
-    assert states == [SEARCHING, STREAMING, SEARCHING, SEARCHING, STREAMING, "stopped"]
-
-
-def test_it_waits_for_a_camera():
-    events = scan(3000, 100)
-    model = CameraModel(encode_words(events).tobytes())
-    model.plugged = False
-    with Running(model) as running:
-        running.wait(lambda: running.reader.status.fault.startswith("no DVXplorer Mini"))
-        model.plug()
-        running.wait_for(len(events))
-
-
-def test_lost_references_and_corrupt_words_are_counted():
-    events = scan()
-    words = encode_words(events)
-    lost = np.flatnonzero(is_reference(words))[[7, 30]]
-    words = np.insert(np.delete(words, lost), 500, 0x10000000)
-    keep = ~np.isin(events.t_ns // 1_000_000, (encode_words(events)[lost] & 0x3FFFFF))
-    with Running(CameraModel(words.tobytes())) as running:
-        running.wait_for(int(keep.sum()))
-    assert same(running.events, events[keep])
-    counts = running.reader.status.decoder
-    assert (counts.lost_references, counts.bad_words) == (2, 1)
-
-
-def test_silence_is_reported(monkeypatch):
-    monkeypatch.setattr("roller_driver.dvxplorer.reader._SILENT_S", 0.2)
-    events = scan(3000, 100)
-    raw = encode_words(events).tobytes()
-    faults = [Fault(len(raw) // 2, "silence", seconds=0.6)]
-    with Running(CameraModel(raw, faults=faults)) as running:
-        running.wait_for(len(events))
-    states = [state for state, _ in running.changes]
-    assert states == [SEARCHING, STREAMING, SILENT, STREAMING, "stopped"]
 
 
 def test_time_goes_on_over_the_overflow_of_the_reference():
@@ -328,60 +177,3 @@ def test_what_comes_too_fast_is_counted_and_the_rest_keeps_its_times(monkeypatch
     got = running.events
     assert 0 < len(got) < len(events)
     assert set(zip(*(v.tolist() for v in (got.t_ns, got.x, got.y)), strict=True)) <= known
-
-
-def make_wrong(backend, what):
-    """Something that keeps the camera from streaming; returns what undoes it."""
-    model = backend.models[0]
-    if what == "forbidden" or what == "held":
-        setattr(backend, what, True)
-        return lambda: setattr(backend, what, False)
-    values = {
-        "another model": ("model", 0), "firmware too old": ("firmware", 7),
-        "no endpoint": ("endpoint_delay_s", 1e9),
-    }  # fmt: skip
-    name, wrong = values[what]
-    right = getattr(model, name)
-    setattr(model, name, wrong)
-    return lambda: setattr(model, name, right)
-
-
-@pytest.mark.parametrize(
-    ("what", "says"),
-    [
-        ("another model", "is not a DVXplorer Mini"),
-        ("held", "another program holds it; stop that program first"),
-        ("forbidden", "no permission to open it; install the rule"),
-        ("firmware too old", "firmware 7 is not known"),
-        ("no endpoint", "it has no endpoint 0x82 for events"),
-    ],
-)
-def test_what_keeps_it_from_streaming_is_reported_until_it_is_gone(what, says, monkeypatch):
-    monkeypatch.setattr("roller_driver.dvxplorer.discovery._ENDPOINT_WAIT_S", 0.1)
-    events = scan(3000, 100)
-    running = Running(CameraModel(encode_words(events).tobytes()))
-    undo = make_wrong(running.backend, what)
-    with running:
-        running.wait(lambda: says in running.reader.status.fault)
-        assert running.reader.status.state == SEARCHING
-        assert running.reader.status.connects == 0
-        assert not running.packets
-        undo()
-        running.wait_for(len(events))
-        assert (running.reader.status.state, running.reader.status.fault) == (STREAMING, "")
-    assert same(running.events, events)
-
-
-def test_a_clock_that_goes_back_is_counted_and_followed():
-    """The words of a later scan of lower time, as when another program sets the clock."""
-    first, second = scan(3000, 100, start_us=90_000_000), scan(3000, 100, start_us=1_000_000)
-    words = np.concatenate([encode_words(first), encode_words(second)])
-    with Running(CameraModel(words.tobytes())) as running:
-        # The frames before the second reference of the new clock have a time nobody knows.
-        running.wait(lambda: running.reader.status.decoder.time_steps == 1)
-        running.wait_for(len(first) + len(second) * 9 // 10)
-    bases = np.array([part.time_base_ns for part in running.packets])
-    assert np.sum(np.diff(bases) < 0) == 1
-    assert running.reader.status.connects == 1
-    for part in running.packets:
-        assert np.all(np.diff(part.events.t_ns) >= 0)

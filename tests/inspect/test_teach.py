@@ -10,7 +10,7 @@ import pytest
 from recording.bags import Recipe, write_bag
 from roller_bringup.cli import main
 
-from .test_references import map_of, part
+from .boss_part import map_of, part
 
 Capture = pytest.CaptureFixture[str]
 
