@@ -17,13 +17,18 @@ def scan(scans: Scans) -> SimulatedScan:
     return scans.scan("stairs", scene=scene, camera=camera, **COATINGS["textured"])
 
 
+def points_of(scan: SimulatedScan, near_m: float, far_m: float) -> np.ndarray:
+    """What a range of depths finds, shape (n, 3)."""
+    depths = {"depth_min_m": near_m, "depth_max_m": far_m}
+    settings = SurfaceSettings.create({**depths, "event_delay_s": 0.00043})
+    return swept_points(SurfaceSweep(settings, scan.camera, scan.track), scan)
+
+
 def errors_um(
     scan: SimulatedScan, near_m: float, far_m: float, least: int = 1000, ends: bool = False
 ) -> np.ndarray:
     """Of the points, which must be so many; with or without those of the first and last rows."""
-    depths = {"depth_min_m": near_m, "depth_max_m": far_m}
-    settings = SurfaceSettings.create({**depths, "event_delay_s": 0.00043})
-    points = swept_points(SurfaceSweep(settings, scan.camera, scan.track), scan)
+    points = points_of(scan, near_m, far_m)
     points = points if ends else points[seen_area(scan).contains(*points[:, :2].T)]
     assert len(points) > least
     x, y, z = points.T
@@ -50,6 +55,12 @@ def test_the_surface_may_lie_anywhere_in_the_range(
     assert np.median(errors) < 1.6 * np.median(usual)
     # The first and last rows were seen from elsewhere than a surface in the middle would be.
     assert (errors_um(scan, *depths, ends=True) > 500).mean() < 0.002
+
+
+@pytest.mark.scan
+def test_a_first_block_is_measured_where_it_turns_out_to_lie(scan: SimulatedScan) -> None:
+    """Seen as in the middle of so wide a range its rows would be left out for 4 mm."""
+    assert points_of(scan, 0.043, 0.2)[:, 0].min() < 0
 
 
 def test_a_range_that_no_grid_suits_is_refused() -> None:
