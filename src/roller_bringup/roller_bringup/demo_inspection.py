@@ -44,7 +44,7 @@ def inspect_recorded(bag: Path, recipe: Recipe, part: str, params: Path | None =
         If the points are none of ours.
     """
     stage = InspectStage(inspect_parameters(params, part=part), recipe)
-    wanted = {f"/{topic}" for topic in (outputs.SURFACE_POINTS, outputs.CONTACT)}
+    wanted = set(map(outputs.bag_topic, (outputs.SURFACE_POINTS, outputs.CONTACT)))
     store, found = typestore(), []
     with Reader(bag) as reader:
         connections = [c for c in reader.connections if c.topic in wanted]

@@ -14,6 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
+from roller_core import outputs
 from roller_core.errors import RollerError
 from roller_ros import qos, topics
 from roller_ros.refusals import init_ros
@@ -70,7 +71,7 @@ class Observer:
                 count = self._counter(topic.path)
                 self._node.create_subscription(topic.type, topic.path, count, topic.qos, raw=True)
         self._node.create_subscription(
-            DiagnosticArray, "/diagnostics", self._diagnose, qos.DIAGNOSTICS
+            DiagnosticArray, outputs.DIAGNOSTICS, self._diagnose, qos.DIAGNOSTICS
         )
 
     def spin(self, timeout_s: float) -> None:

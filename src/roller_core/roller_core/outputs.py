@@ -53,9 +53,14 @@ class CloudError(RollerError):
     """A cloud that isn't one of ours."""
 
 
+def bag_topic(topic: str) -> str:
+    """A topic as bags have it, of nodes without a namespace."""
+    return "/" + topic.lstrip("/")
+
+
 def force_topic(events_topic: str) -> str:
     """Where the robot's force is in a bag with event packets on `events_topic`."""
-    ours = events_topic.endswith(f"/{EVENTS}")
+    ours = events_topic.endswith(bag_topic(EVENTS))
     return (events_topic.removesuffix(EVENTS) if ours else "/") + WRENCH
 
 

@@ -38,13 +38,15 @@ class Ur10Node(RollerNode):
         self._meter = diagnostics.Meter()
         # Not _publishers: rclpy's own.
         self._tf = (
-            self.create_publisher(TFMessage, "/tf", qos.TF) if p.connect and p.publish_tf else None
+            self.create_publisher(TFMessage, outputs.TF, qos.TF)
+            if p.connect and p.publish_tf
+            else None
         )
         self._wrench = topics.publisher(self, outputs.WRENCH)
         self._contact = ContactWatch(p.least_force_n, p.most_force_n)
         self._velocity = self.create_publisher(TwistStamped, "~/tool_velocity", qos.TF)
         if p.publish_hand_eye and p.hand_eye_known:  # a wrong place would give wrong depth
-            self._static = self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
+            self._static = self.create_publisher(TFMessage, outputs.TF_STATIC, qos.TF_STATIC)
             now = self.get_clock().now().nanoseconds
             fixed = messages.transform(p.hand_eye, now, p.tool, p.sensor_frame)
             self._static.publish(TFMessage(transforms=[fixed]))

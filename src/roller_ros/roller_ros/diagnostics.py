@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.sensor_pose import PoseCounts
 
@@ -118,7 +119,9 @@ class Diagnostics:
         self._values = values
         self._fault, self._fault_level = "", ERROR
         self._reported_s: list[float] = []
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
+        self._publisher = node.create_publisher(
+            DiagnosticArray, outputs.DIAGNOSTICS, qos.DIAGNOSTICS
+        )
         node.create_timer(period_s, self.publish, clock=STEADY)
 
     @contextmanager

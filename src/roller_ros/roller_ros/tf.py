@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from tf2_msgs.msg import TFMessage
 
+from roller_core import outputs
 from roller_core.frame_transforms import transforms_of
 
 from . import qos
@@ -54,9 +55,9 @@ class PoseSources(OneSource):
 
     def pose_conflict(self, node: Node) -> str:
         """What to tell of publishers that don't agree; empty: there is but one."""
-        what = f"{' -> '.join(self._frames)} on /tf"
+        what = f"{' -> '.join(self._frames)} on {outputs.TF}"
         return self.conflict(
-            node, ["/tf"], what, "stop the other, or set publish_tf of ur10 to false"
+            node, [outputs.TF], what, "stop the other, or set publish_tf of ur10 to false"
         )
 
     def _is_pose(self, item: Any) -> bool:
@@ -97,13 +98,13 @@ class OtherPublishers:
             self._subscription = None
             self._changes_at = now + _WATCH_PAUSE_S
             self.found = self._strange > 0
-        elif self._node.count_publishers("/tf") < 2:
+        elif self._node.count_publishers(outputs.TF) < 2:
             self.found = False
         elif now >= self._changes_at:
             self._strange = 0
             self._changes_at = now + _WATCH_S
             self._subscription = self._node.create_subscription(
-                TFMessage, "/tf", self._take, qos.TF
+                TFMessage, outputs.TF, self._take, qos.TF
             )
 
     def _take(self, message: TFMessage) -> None:

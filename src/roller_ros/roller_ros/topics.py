@@ -38,7 +38,7 @@ class Topic:
     @property
     def path(self) -> str:
         """The name without a namespace, as bags have it."""
-        return "/" + self.name.lstrip("/")
+        return outputs.bag_topic(self.name)
 
     @property
     def type_name(self) -> str:
@@ -111,7 +111,7 @@ def recorded(raw: bool = False, events_topic: str = outputs.EVENTS) -> list[Topi
 
 
 def _is_a_cells(events_topic: str) -> bool:
-    return events_topic.endswith(f"/{outputs.EVENTS}")
+    return events_topic.endswith(outputs.bag_topic(outputs.EVENTS))
 
 
 def offered(topic: Topic) -> list[Qos]:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from roller_core import outputs
+
 from . import qos
 
 #: What statuses call it: messages that wait; whether all that came is processed to the end. And
@@ -39,7 +41,7 @@ class WorkLeft:
         self._rounds: list[Round] = []
         #: Who said last that work is left.
         self.who = ""
-        node.create_subscription(DiagnosticArray, "/diagnostics", self.take, qos.DIAGNOSTICS)
+        node.create_subscription(DiagnosticArray, outputs.DIAGNOSTICS, self.take, qos.DIAGNOSTICS)
 
     @property
     def quiet_s(self) -> float:

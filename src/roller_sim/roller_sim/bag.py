@@ -17,18 +17,20 @@ from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
 from roller_core.frame_names import BASE_FRAME, CAMERA_FRAME, TOOL_FRAME
 from roller_core.output_folder import release_reserve
+from roller_core.outputs import CAMERA_INFO, EVENTS, PREVIEW, TF, TF_STATIC, bag_topic
 from roller_core.transforms import matrix_to_quaternion
 
 from .cell import Packet, Picture, PoseSample, VirtualCell
 from .truth_files import save_truth
 
+_EVENTS, _INFO, _IMAGE = map(bag_topic, (EVENTS, CAMERA_INFO, PREVIEW))
 #: Topic: type and offered quality of service.
 TOPICS: dict[str, tuple[str, list[Qos]]] = {
-    "/event_camera/events": (EVENT_PACKET, bag_qos(1000, reliable=False)),
-    "/event_camera/camera_info": ("sensor_msgs/msg/CameraInfo", bag_qos(1, latched=True)),
-    "/event_camera/image_raw": ("sensor_msgs/msg/Image", bag_qos(10)),
-    "/tf": ("tf2_msgs/msg/TFMessage", bag_qos(100)),
-    "/tf_static": ("tf2_msgs/msg/TFMessage", bag_qos(1, latched=True)),
+    _EVENTS: (EVENT_PACKET, bag_qos(1000, reliable=False)),
+    _INFO: ("sensor_msgs/msg/CameraInfo", bag_qos(1, latched=True)),
+    _IMAGE: ("sensor_msgs/msg/Image", bag_qos(10)),
+    TF: ("tf2_msgs/msg/TFMessage", bag_qos(100)),
+    TF_STATIC: ("tf2_msgs/msg/TFMessage", bag_qos(1, latched=True)),
 }
 
 
@@ -161,23 +163,23 @@ def write_bag(
     try:
         writer.declare_all()
         start = cell.truth.start_ros_ns
-        put("/event_camera/camera_info", start, messages.camera_info(start))
+        put(_INFO, start, messages.camera_info(start))
         rotation = matrix_to_quaternion(cell.hand_eye[:3, :3])
         fixed = messages.transform(start, TOOL_FRAME, CAMERA_FRAME, cell.hand_eye[:3, 3], rotation)
-        put("/tf_static", start, fixed)
+        put(TF_STATIC, start, fixed)
         save_truth(cell.truth, path)
         encoding = cell.settings.packets.encoding
         for item in cell.run():
             counts[type(item)] += 1
             if isinstance(item, Packet):
-                put("/event_camera/events", item.arrival_ns, messages.packet(item, encoding))
+                put(_EVENTS, item.arrival_ns, messages.packet(item, encoding))
             elif isinstance(item, PoseSample):
                 tf = messages.transform(
                     item.stamp_ns, BASE_FRAME, TOOL_FRAME, item.position, item.quaternion
                 )
-                put("/tf", item.arrival_ns, tf)
+                put(TF, item.arrival_ns, tf)
             else:
-                put("/event_camera/image_raw", item.arrival_ns, messages.image(item))
+                put(_IMAGE, item.arrival_ns, messages.image(item))
             if progress is not None:
                 progress(cell.progress)
         writer.flush()

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from roller_core.errors import RollerError
+from roller_core.outputs import DEPTH_IMAGE, SURFACE_POINTS, bag_topic
 from roller_core.progress import progress_bar
 from roller_inspect.pipeline import PipelineSettings
 from roller_inspect.replay import replay
@@ -14,7 +15,7 @@ from roller_inspect.results.run_report import Report
 from roller_recording.reading import open_recording
 from roller_recording.reading.bag_reader import BagReader
 
-_DEPTH, _POINTS = "/roller/depth/image", "/roller/surface/points"
+_DEPTH, _POINTS = bag_topic(DEPTH_IMAGE), bag_topic(SURFACE_POINTS)
 #: Options that `roller replay` has and `roller view` hasn't.
 _OPTIONS_OF_REPLAY = ("--poses", "--camera", "--topic")
 

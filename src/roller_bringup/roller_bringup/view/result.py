@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from roller_core.errors import RollerError
+from roller_core.outputs import DEVIATION, bag_topic
 from roller_core.transforms import inverse_pose
 from roller_emvs.ply import ply_rows
 from roller_inspect.height_map import HeightMap
@@ -21,7 +22,6 @@ from .scene import Scene
 _MOST_TILES = 1500
 #: Points that are read at once.
 _POINTS_AT_ONCE = 200_000
-_DEVIATION = "/roller/inspection/deviation"
 #: Files of a folder that are offered, by ending.
 _OFFERED = frozenset(
     ".html .pdf .csv .json .png .ply .npz .x3p .sdf .txt .brf .mcap .yaml .qif .stl .svg".split()
@@ -112,7 +112,7 @@ def _read_deviation(bag: Path, scene: Scene) -> None:
     from roller_recording.reading.base import RecordingError
 
     map_from_base, store = inverse_pose(scene.base_from_map), typestore()
-    for item in BagReader(bag).messages({_DEVIATION}):
+    for item in BagReader(bag).messages({bag_topic(DEVIATION)}):
         if isinstance(item, RecordingError):
             scene.notes.append(str(item))
             continue

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from rosbags.rosbag2 import Reader
 
 from roller_core.bags import typestore
-from roller_core.outputs import stamp_ns
+from roller_core.outputs import DEPTH_IMAGE, bag_topic, stamp_ns
 from roller_sim.truth import Truth
 
 from .drawing import Panel, Picture, colours, scale_bar
@@ -100,9 +100,9 @@ def _thick(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def _depth_images(bag: Path, stamps: set[int]) -> dict[int, npt.NDArray[np.float32]]:
-    store, found = typestore(), {}
+    store, found, topic = typestore(), {}, bag_topic(DEPTH_IMAGE)
     with Reader(bag) as reader:
-        wanted = [c for c in reader.connections if c.topic == "/roller/depth/image"]
+        wanted = [c for c in reader.connections if c.topic == topic]
         for connection, _, data in reader.messages(wanted):
             message: Any = store.deserialize_cdr(data, connection.msgtype)
             stamp = stamp_ns(message)

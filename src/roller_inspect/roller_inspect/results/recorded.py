@@ -14,6 +14,7 @@ from roller_braille.cells import Cell, certain_dots
 from roller_braille.page_order import PageOrder
 from roller_braille.reader_settings import BrailleSettings
 from roller_braille.translation import ALL_DOTS, LineCell, TextLine
+from roller_core import outputs
 from roller_core.bags import typestore
 from roller_core.errors import RollerError
 from roller_core.outputs import stamp_ns
@@ -29,13 +30,10 @@ from .result_writer import write_braille
 from .run_report import Report
 from .truth_tally import SurfaceTally, TruthTally
 
-_SURFACE = "/roller/surface/points"
-_EVENTS = "/event_camera/events"
 #: What is found from events, as soon as it is.
-_FOUND = frozenset({"/roller/depth/image", _SURFACE, "/roller/braille/cells"})
+_FOUND = frozenset({outputs.DEPTH_IMAGE, outputs.SURFACE_POINTS, outputs.BRAILLE_CELLS})
 #: What each window came to, by method.
-_ACCOUNTS = {True: "/roller/surface/account", False: "/roller/depth/account"}
-_CONFIDENCE, _SIGMA = "/roller/depth/confidence", "/roller/depth/sigma"
+_ACCOUNTS = {True: outputs.SURFACE_ACCOUNT, False: outputs.DEPTH_ACCOUNT}
 
 
 class RecordedResultsError(RollerError):
@@ -117,21 +115,23 @@ def gather(
 def _read(reader: BagReader, surface: bool, tally: Any, ply: PlyWriter, cell: str) -> _Recorded:
     """Read a bag; the tally, if there is one, and the file take what they need as it comes."""
     out, store = _Recorded(), typestore()
-    beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {_CONFIDENCE: {}, _SIGMA: {}}
+    beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {
+        outputs.DEPTH_CONFIDENCE: {}, outputs.DEPTH_SIGMA: {},
+    }  # fmt: skip
     for item in reader.messages(set(reader.topics)):
         if not isinstance(item, RawMessage):
             continue  # what a cut or damage took
-        topic, logged_ns = item.topic.removeprefix(cell), item.t_ns
-        if topic == _EVENTS:
+        topic, logged_ns = item.topic.removeprefix(cell).removeprefix("/"), item.t_ns
+        if topic == outputs.EVENTS:
             out.last_events_ns = logged_ns
         elif topic in _FOUND:
             out.last_found_ns = logged_ns
-        if not topic.startswith("/roller/"):
+        if not topic.startswith("roller/"):
             continue
         message: Any = store.deserialize_cdr(item.data, item.type)
         if topic in beside:
             beside[topic][stamp_ns(message)] = _pixels(message)
-        elif topic == "/roller/depth/image" and not surface:
+        elif topic == outputs.DEPTH_IMAGE and not surface:
             stamp = stamp_ns(message)
             depth = _pixels(message)
             sure, sigma = (kept.pop(stamp, depth) for kept in beside.values())
@@ -141,7 +141,7 @@ def _read(reader: BagReader, surface: bool, tally: Any, ply: PlyWriter, cell: st
                 tally.add(found)
         elif topic == _ACCOUNTS[surface]:
             out.accounts.append((stamp_ns(message), account_of(message)))
-        elif topic == _SURFACE:
+        elif topic == outputs.SURFACE_POINTS:
             patch = _patch(message)
             ply.write(patch.points, *patch.properties())
             out.points += len(patch)
@@ -149,9 +149,9 @@ def _read(reader: BagReader, surface: bool, tally: Any, ply: PlyWriter, cell: st
                 out.given[patch.stamp_ns] = len(patch)
                 if tally is not None:
                     tally.add(patch)
-        elif topic == "/roller/braille/text":
+        elif topic == outputs.BRAILLE_TEXT:
             out.text = message.data
-        elif topic == "/roller/braille/cells":
+        elif topic == outputs.BRAILLE_CELLS:
             out.cells.append(_cell(message))
     return out
 

@@ -13,7 +13,7 @@ from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
 from roller_core.frame_transforms import transforms_of
-from roller_core.outputs import force_topic, stamp_ns
+from roller_core.outputs import TF, TF_STATIC, force_topic, stamp_ns
 from roller_core.sensor_pose import SensorFrames
 from roller_core.time_order import TimeBackwardsError
 from roller_core.timing_settings import DEFAULT_MAX_POSE_GAP_S
@@ -22,7 +22,6 @@ from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
 from .event_topic import event_topic, listed
 
-_TF, _TF_STATIC = "/tf", "/tf_static"
 _TF_TYPE = "tf2_msgs/msg/TFMessage"
 _INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 
@@ -85,7 +84,7 @@ class BagRecording(Recording):
         self._frames = SensorFrames(max_gap_s=max_gap_s)  # of who reads by `steps`
         if poses is not None:
             self.poses = self._read_poses(poses, max_gap_s)
-        elif self._reader.topics.get(_TF) != _TF_TYPE:
+        elif self._reader.topics.get(TF) != _TF_TYPE:
             raise MissingTopicError(
                 f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
                 f"give --poses FILE (TUM); it has {listed(self._reader.topics)}"
@@ -97,7 +96,7 @@ class BagRecording(Recording):
         """Read message by message; a packet that can't be decoded is left out, with a fault."""
         yield from self._first_step()
         wrench = force_topic(self._topic)
-        wanted = {self._topic, wrench} | ({_TF, _TF_STATIC} if self.poses is None else set())
+        wanted = {self._topic, wrench} | ({TF, TF_STATIC} if self.poses is None else set())
         wanted |= {self._info_topic} if self._info_topic else set()
         progress = 0.0
         for item in self._reader.messages(wanted):
@@ -123,7 +122,7 @@ class BagRecording(Recording):
                 force = (stamp_ns(message), math.hypot(f.x, f.y, f.z))
                 yield Step(EventArray.empty(), progress, force=force)
             else:
-                found = tuple(transforms_of(message, static=item.topic == _TF_STATIC))
+                found = tuple(transforms_of(message, static=item.topic == TF_STATIC))
                 yield Step(EventArray.empty(), progress, transforms=found)
 
     def _decode(self, message: Any, t_ns: int, progress: float) -> Step:

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET
+from roller_core.outputs import EVENTS, bag_topic
 
 from .base import MissingTopicError, RecordingError
 
 #: Where the graph of this workspace, and the usual drivers, have them.
-USUAL = "/event_camera/events"
+USUAL = bag_topic(EVENTS)
 
 
 def event_topic(topics: Mapping[str, str], path: Path, wanted: str | None = None) -> str:

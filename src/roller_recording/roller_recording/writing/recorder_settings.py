@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from roller_core.outputs import EVENTS
 from roller_core.settings import Settings
 
 
@@ -17,7 +18,7 @@ class RecorderParameters(Settings):
         "also pictures, results and diagnostics.",
     )
     events_topic: str = Field(
-        "event_camera/events",
+        EVENTS,
         pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$",
         description="Topic of the event packets; camera_info and image_raw lie beside it.",
     )
