@@ -11,10 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from .camera_errors import CameraError, OtherCameraError
-from .camera_file import entries_of
+from .camera_file import entries_of, file_text
 from .text_file import TextFileError, read_yaml
 
 __all__ = ["Camera", "CameraError", "OtherCameraError"]
@@ -283,22 +282,8 @@ class Camera:
 
     def yaml_text(self, name: str = "event_camera") -> str:
         """The text of a ROS camera_info YAML file."""
-        projection = np.hstack([self.K, np.zeros((3, 1))]).ravel().tolist()
-        data = {
-            "image_width": self.width,
-            "image_height": self.height,
-            "camera_name": name,
-            "camera_matrix": {"rows": 3, "cols": 3, "data": self.K.ravel().tolist()},
-            "distortion_model": self.model,
-            "distortion_coefficients": {
-                "rows": 1,
-                "cols": len(self.distortion),
-                "data": list(self.distortion),
-            },
-            "rectification_matrix": {"rows": 3, "cols": 3, "data": np.eye(3).ravel().tolist()},
-            "projection_matrix": {"rows": 3, "cols": 4, "data": projection},
-        }
-        return str(yaml.safe_dump(data, sort_keys=False))
+        size = (self.width, self.height)
+        return file_text(name, size, self.K, self.model, self.distortion)
 
 
 @lru_cache(maxsize=2)

@@ -1,10 +1,14 @@
-"""The entries of a ROS camera_info YAML file."""
+"""A ROS camera_info YAML file: its entries as they are read, and its text."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
 
 from .camera_errors import CameraError
 
@@ -69,3 +73,44 @@ def entries_of(data: Any) -> list[Any]:
                 "(image_width, image_height, camera_matrix, distortion_coefficients)"
             ) from error
     return found
+
+
+def file_text(
+    name: str,
+    size: tuple[int, int],
+    k: npt.NDArray[np.float64],
+    model: str,
+    distortion: Sequence[float],
+) -> str:
+    """The text of a camera_info YAML file.
+
+    Parameters
+    ----------
+    name : str
+        Of the camera.
+    size : tuple of int
+        Width and height, px.
+    k : ndarray of float64, shape (3, 3)
+        Intrinsic matrix, px.
+    model : str
+        Of the distortion.
+    distortion : sequence of float
+        Its coefficients.
+    """
+    projection = np.hstack([k, np.zeros((3, 1))])
+    data = {
+        "image_width": size[0],
+        "image_height": size[1],
+        "camera_name": name,
+        "camera_matrix": _matrix(k),
+        "distortion_model": model,
+        "distortion_coefficients": _matrix(np.array([distortion])),
+        "rectification_matrix": _matrix(np.eye(3)),
+        "projection_matrix": _matrix(projection),
+    }
+    return str(yaml.safe_dump(data, sort_keys=False))
+
+
+def _matrix(values: npt.NDArray[np.float64]) -> dict[str, Any]:
+    rows, cols = values.shape
+    return {"rows": rows, "cols": cols, "data": values.ravel().tolist()}
