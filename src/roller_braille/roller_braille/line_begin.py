@@ -1,4 +1,4 @@
-"""Where a line on a printed coating begins, and those of its cells that were left in doubt.
+"""Where a line begins: cells before those that it was found by.
 
 What dots look like under a printed coating is learnt from the line itself. Its first cells are read
 when that is known from few dots, and those before them may have had too few to begin a line with.
@@ -8,9 +8,10 @@ other, and an empty one shows next to nothing of the pattern.
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 
-from .cell_reader import CellKind, CellReader
+from .cell_reader import LOOKAHEAD_CELLS, CellKind, CellReader
 from .cells import Seen
 from .lattice import Lattice
 
@@ -19,6 +20,30 @@ REACH_CELLS = 20
 #: Dots from which on the pattern is known well enough to find cells by it that began no line, and
 #: dots beyond which waiting for more doesn't help.
 KNOWN_DOTS, ENOUGH_DOTS = 6, 16
+
+
+def certain_before(reader: CellReader, lattice: Lattice, begun_by: Container[int]) -> int:
+    """How many cells before a new line's first are its own, as all up to them are certain.
+
+    Parameters
+    ----------
+    reader : CellReader
+        The line's.
+    lattice : Lattice
+        Its cell 0 is the first, as it was found.
+    begun_by : container of int
+        Cells, by their numbers, with dots that began no line.
+    """
+    first = 0
+    for n in range(1, LOOKAHEAD_CELLS + 2):
+        kind, seen, _ = reader.read(lattice.moved(-n), 0)
+        if not seen.certain or kind is CellKind.FOREIGN:
+            break
+        if kind is CellKind.READ:
+            if -n not in begun_by:
+                break
+            first = n
+    return first
 
 
 def read_whole(

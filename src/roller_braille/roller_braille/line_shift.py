@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .cell_reader import CellReader
+from .cells import Seen
 from .lattice import Lattice
 from .reader_settings import Spacing
 
 #: How much better dots lie on other columns or rows than on those thought, in dots, where these are
 #: wrong.
 BETTER = 0.5
+_UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
+
+
+def lacks(cells: Sequence[Seen]) -> tuple[bool, bool]:
+    """Whether no cell that is certain has a dot in its upper row, and none in its left column."""
+    raised = 0
+    for seen in cells:
+        raised |= seen.mask if seen.certain else 0
+    return not raised & _UPPER_ROW, not raised & _LEFT_COLUMN
 
 
 def column_leads(

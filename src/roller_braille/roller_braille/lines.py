@@ -10,8 +10,8 @@ from .cells import Seen
 from .dots import Dots
 from .kinds import Kind
 from .lattice import Lattice
-from .line_begin import ENOUGH_DOTS, KNOWN_DOTS, REACH_CELLS, read_whole
-from .line_shift import BETTER, column_leads, rows_fit_ahead
+from .line_begin import ENOUGH_DOTS, KNOWN_DOTS, REACH_CELLS, certain_before, read_whole
+from .line_shift import BETTER, column_leads, lacks, rows_fit_ahead
 from .orientation import lifted, lower_row_free
 from .reader_settings import Spacing
 from .recognise import IN_PLACE_M, Recogniser
@@ -30,7 +30,6 @@ _NO_DOUBT = 0.6
 #: How much worse dots lie on other columns than on those thought, in dots, where these are right
 #: for sure.
 _SETTLED = 2.0
-_UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
 
 
 class LineReader:
@@ -169,17 +168,8 @@ class LineReader:
         # Dots of other relief may lie near a node, too; these have no line around them yet.
         on &= self.lattice.off(dots) <= IN_PLACE_M
         self._reader.take(dots.where(on), self.lattice)
-        first = 0
-        for n in range(1, LOOKAHEAD_CELLS + 2):
-            lattice = self.lattice.moved(-n)
-            kind, seen, _ = self._reader.read(lattice, 0)
-            if not seen.certain or kind is CellKind.FOREIGN:
-                break
-            if kind is CellKind.READ:
-                if not (on & (index[:, 0] == -n)).any():
-                    break
-                first = n
-        self._begin(self.lattice.moved(-first))
+        n = certain_before(self._reader, self.lattice, set(index[on, 0].tolist()))
+        self._begin(self.lattice.moved(-n))
         self._confirmed = self.lattice.begin
 
     def advance(self, complete: int, final: bool = False) -> None:
@@ -324,20 +314,15 @@ class LineReader:
         """
         if self._raised < LEAST_DOTS or 2 * self._circles < self._raised:
             return False
-        raised = 0
-        for seen in self.cells:
-            raised |= seen.mask if seen.certain else 0
+        ahead = self._direction
         # A lattice is laid so that upper row and left column hold dots; where they turn out to
         # hold none, something that is no dot had a part in it, or text is upside down.
+        no_upper, no_left = lacks(self.cells)
         o = self._origin
-        if (
-            not raised & _UPPER_ROW
-            and self.may_be_lower
-            and not rows_fit_ahead(self._reader, self.lattice)
-        ):
+        if no_upper and self.may_be_lower and not rows_fit_ahead(self._reader, self.lattice):
             o = o.shifted(0.0, o.dot_down)
-        elif not raised & _LEFT_COLUMN and self._column_leads()[self._direction] > -BETTER:
-            o = o.shifted(self._direction * o.dot_along, 0.0)
+        elif no_left and self._column_leads()[ahead] > -BETTER:
+            o = o.shifted(ahead * o.dot_along, 0.0)
         else:
             self.accepted = True
             return False
