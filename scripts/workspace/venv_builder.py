@@ -48,6 +48,8 @@ class Environment:
                 steps.mark("adopted", "made by hand: not ours to remove")
             steps.mark("venv", self.key)
             return False
+        if self.path.is_symlink():  # its steps are another place's, too
+            raise SetupError(f"{self.path} is a link to an environment of another place: remove it")
 
         def create() -> None:
             if self.path.exists():

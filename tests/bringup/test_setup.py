@@ -268,6 +268,20 @@ def test_an_environment_of_others_is_never_deleted(modules, tmp_path, monkeypatc
     assert environment.python.exists()
 
 
+def test_a_link_to_the_environment_of_another_place_stays_as_it_is(modules, tmp_path):
+    """Nor do its steps change: the other place would be set up anew."""
+    other = tmp_path / "other"
+    (other / "setup").mkdir(parents=True)
+    (other / "setup" / "venv").write_text("of the other place")
+    (tmp_path / ".venv").symlink_to(other)
+    environment = modules["venv_builder"].Environment(tmp_path / ".venv", "wheels")
+    steps = modules["steps"].Steps(environment.path / "setup")
+    with pytest.raises(modules["steps"].SetupError, match=r"\.venv is a link to .*: remove it"):
+        environment.ensure(steps)
+    assert (other / "setup" / "venv").read_text() == "of the other place"
+    assert sorted(p.name for p in other.rglob("*")) == ["setup", "venv"]
+
+
 def test_cleaning_removes_what_set_up_and_builds_made(tmp_path):
     shutil.copy(ROOT / "Makefile", tmp_path)
     for folder in ("src", "tests/__pycache__", "scripts", "underlay", ".venv/setup", "install"):
