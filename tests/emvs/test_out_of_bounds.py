@@ -74,6 +74,14 @@ def test_a_depth_so_near_that_nothing_is_in_view_is_refused(near_m: float, far_m
     DepthPipeline(DepthSettings.create({"depth_min_m": 1e-4}), CAMERA, PoseTrack())
 
 
+def test_depths_of_millimetres_given_as_metres_are_refused() -> None:
+    """Of 20 to 100 m there were twenty thousand blocks, each of all events."""
+    settings = SurfaceSettings.create({"depth_min_m": 43.0, "depth_max_m": 47.0})
+    with pytest.raises(SettingsError, match=r"'depth_min_m' = 43: a pixel is .* in metres"):
+        SurfaceSweep(settings, CAMERA, PoseTrack())
+    SurfaceSweep(settings.changed({"block_m": 0.1}), CAMERA, PoseTrack())
+
+
 def test_windows_whose_poses_are_too_coarse_for_the_depth_range_say_so() -> None:
     """Their events were left out as of ramps, and nothing told of the windows."""
     path, events, rng = track_of(rolling(0.3), 0.12), tilted_scan(0.12), np.random.default_rng(0)

@@ -11,7 +11,7 @@ import numpy as np
 
 from roller_core.camera import Camera
 from roller_core.dead_time import DeadTime
-from roller_core.errors import RollerError
+from roller_core.errors import RollerError, SettingsError
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.engine import DepthEngine
@@ -64,9 +64,16 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         Calibration of the camera that the events are from.
     track : PoseTrack
         Camera optical frame in base; the caller goes on adding poses to it.
+
+    Raises
+    ------
+    SettingsError
+        If the nearest depth is too near for any view of it, or so far that a pixel of it is wider
+        than a block.
     """
 
     def __init__(self, settings: SurfaceSettings, camera: Camera, track: PoseTrack) -> None:
+        _check_pixel(settings, camera)
         super().__init__(settings, camera, track, PassCutter(settings, camera, track))
         self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
@@ -237,6 +244,17 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""
         low, high = strip.slopes_seen(x)
         return np.asarray((high - low) * strip.depth_m >= self.settings.min_aperture_m)
+
+
+def _check_pixel(s: SurfaceSettings, camera: Camera) -> None:
+    """Refuse what would cut the surface into thousands of blocks that all events reach."""
+    pixel_m = s.depth_min_m / max(camera.fx, camera.fy)
+    if pixel_m > s.block_m:
+        raise SettingsError(
+            f"'depth_min_m' = {s.depth_min_m:g}: a pixel is {pixel_m * 1e3:.2g} mm wide there, "
+            f"wider than a block (block_m = {s.block_m:g}); set depth_min_m and depth_max_m around "
+            "the surface, in metres"
+        )
 
 
 def _offsets(depths: list[Depths]) -> F32:
