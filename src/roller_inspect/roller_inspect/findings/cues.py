@@ -240,7 +240,9 @@ def inspectable(height_map: HeightMap, edge_m: float) -> Bools:
         # What is close together; gaps as wide as findings belong to it.
         k = max(1, round(_GAP_M / step))
         ones = np.ones((2 * k + 1, 2 * k + 1), np.uint8)
-        close = cv2.morphologyEx(height_map.known.astype(np.uint8), cv2.MORPH_CLOSE, ones)
+        # Beyond the map nothing is known: OpenCV would close up to its end.
+        known = np.pad(height_map.known.view(np.uint8), k)
+        close = cv2.morphologyEx(known, cv2.MORPH_CLOSE, ones)[k:-k, k:-k]
         close = cv2.morphologyEx(close, cv2.MORPH_OPEN, ones)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(close, connectivity=4)
         large = stats[:, cv2.CC_STAT_AREA] * step**2 >= _LEAST_AREA_M2
