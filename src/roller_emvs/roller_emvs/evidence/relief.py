@@ -120,6 +120,7 @@ def measured_pixels(
     sides: bool = False,
     surfaces: bool = True,
     textured: bool = False,
+    everywhere: bool = False,
 ) -> Relief:
     """Pixels on which events of one polarity gather, and the surface there.
 
@@ -141,12 +142,14 @@ def measured_pixels(
         Whether `surfaces`, `changes` and `side` are wanted of the whole grid, not of a part of it.
     textured : bool
         Whether the edges are a texture's, see `is_textured`, whose drift the slope doesn't tell.
+    everywhere : bool
+        Whether the depths were searched for on all planes, see `without_islands`.
     """
     if not any(np.isfinite(found.offset).any() for found in depths):
         return _nothing(field)
     if textured and drift.calibrated:
         drift = drift.under_texture()
-    depths = [without_islands(field, found) for found in depths]
+    depths = [without_islands(field, found, everywhere) for found in depths]
     cut = field.cut_around(_near(depths), _REACH)
     if cut is None:
         return _measured(field, depths, settings, drift, threads, sides, textured)

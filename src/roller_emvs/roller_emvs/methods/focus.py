@@ -152,7 +152,7 @@ def _points(
     with watch("points"):
         found = measured_pixels(
             field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines or look,
-            textured=textured,
+            textured=textured, everywhere=True,
         )  # fmt: skip
         if look and ends is not None:
             _look_for(ends, seen, found, s.threads)

@@ -21,9 +21,9 @@ _MOST_ACROSS_PX, _MOST_BESIDE_PX = 0.5, 0.7
 _PART_PX = 1.2
 #: Parts of a window: fewer are no better than rays, more take memory.
 _FEWEST_PARTS, _MOST_PARTS = 6, 56
-#: So many that rays give a few edges more where edges lie apart: only under a printed texture,
-#: where this share of the rows has so much of the mean row's events. Of so many events one counts.
-_MANY_PARTS, _ROWS, _OF_MEAN, _SAMPLE = 40, 0.85, 0.3, 8
+#: Share of the parts that must have so much of the mean part's events: by how much images are moved
+#: is rounded, which evens out over many.
+_FILLED, _OF_MEAN = 0.5, 0.1
 #: Rows and columns of a grid up to which a number tells where on it an event lies.
 _MOST_PX = 3840
 
@@ -123,7 +123,8 @@ class WindowView:
     def parts(self) -> Parts | None:
         """Parts of the aperture; None for few events or where the motion doesn't fit them.
 
-        It fits where events stay in their row and their part's image over the whole range.
+        It fits where events stay in their row and their part's image over the whole range, and
+        were seen from most of the way.
         """
         c, p = self.camera, self.packets
         if len(p.events) < _LEAST_EVENTS * c.width * c.height or max(self.shape) > _MOST_PX:
@@ -139,23 +140,17 @@ class WindowView:
         count = int(np.ceil((high - low) * 2 * self.half / _PART_PX))
         if not _FEWEST_PARTS <= count <= _MOST_PARTS:
             return None
-        if count > _MANY_PARTS and not self._all_over():
-            return None
         width = (high - low) / count
         # Packets as far apart as parts share would lie on their borders, here or there by rounding.
         number = np.minimum(((along - low) / width + 1e-3).astype(np.int64), count - 1)
+        events = np.bincount(number, np.diff(p.starts), count)
+        if (events > _OF_MEAN * events.mean()).mean() < _FILLED:
+            return None
         slopes = low + (np.arange(count, dtype=np.float64) + 0.5) * width
         leaves = np.abs(along - slopes[number]) + beside * np.abs(z)
         if leaves.max() * self.half > _MOST_BESIDE_PX:
             return None
         return Parts(slopes, width, number)
-
-    def _all_over(self) -> bool:
-        """Whether most rows have events, as under a printed texture."""
-        events, c = self.packets.events, self.camera
-        across, lines = (events.x, c.width) if self.turned else (events.y, c.height)
-        rows = np.bincount(across[::_SAMPLE], minlength=lines)
-        return bool((rows > _OF_MEAN * rows.mean()).mean() > _ROWS)
 
     def part_images(self, parts: Parts, threads: int = 1) -> PartImages:
         """Every event's vote in the image of its part.
