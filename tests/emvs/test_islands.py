@@ -1,5 +1,6 @@
 """Few, weak cells far above or below what is around them are no surface."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -41,6 +42,21 @@ def test_what_may_be_relief_stays() -> None:
     ):
         found = without_islands(FIELD, given)
         np.testing.assert_array_equal(found.offset, given.offset)
+
+
+def test_the_fringe_of_an_edge_goes_where_depths_were_searched_for_everywhere() -> None:
+    """Sure, but of a hundredth of the evidence of the edge beside it."""
+    given = depths(2.5e-3, 0.5)
+    measure = np.full(given.offset.shape, 100.0, np.float32)
+    measure[ISLAND] = 1.0
+    faint = replace(given, focus_measure=measure)
+    assert np.isnan(without_islands(FIELD, faint, everywhere=True).offset[ISLAND]).all()
+    np.testing.assert_array_equal(without_islands(FIELD, faint).offset, given.offset)
+    # As much as what is around, if only in one cell, is an edge of its own; so is what lies alone.
+    measure[11, 21] = 100.0
+    for kept in (faint, replace(depths(2.5e-3, 0.5, around=0.0), focus_measure=measure / 100)):
+        found = without_islands(FIELD, kept, everywhere=True)
+        np.testing.assert_array_equal(found.offset, kept.offset)
 
 
 def test_heights_are_whole_numbers_within_sixteen_bits() -> None:
