@@ -43,6 +43,21 @@ def test_it_is_a_list_of_events(steps: list[list[int]], asked: list[tuple[str, i
             assert queue.first_ns == plain[0]
 
 
+@pytest.mark.parametrize("begin", [0, -5, 1_795_945_018_963_716_229, 2**32 - 2])
+@pytest.mark.parametrize("last", [10, 2**32 - 1, 2**32, 2**40])
+def test_times_come_out_as_they_came(begin: int, last: int) -> None:
+    times = [begin, begin, begin + 3, begin + last - 1, begin + last]
+    queue = EventQueue(100)
+    queue.add(events_at(times))
+    queue.add(events_at([times[-1] + 1]))
+    assert queue.first(6).t_ns.tolist() == [*times, times[-1] + 1]
+    assert queue.first(4).t_ns.tolist() == times[:4]
+    for t_ns in (begin - 2**40, begin, begin + 1, begin + 4, begin + last, begin + last + 2):
+        assert queue.count_before(t_ns) == sum(t < t_ns for t in [*times, times[-1] + 1])
+    queue.drop(2)
+    assert (queue.first_ns, queue.time_of(2)) == (begin + 3, begin + last)
+
+
 def test_beyond_the_limit_the_oldest_go() -> None:
     queue = EventQueue(5)
     for start in (0, 10, 20):

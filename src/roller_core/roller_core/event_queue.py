@@ -10,6 +10,7 @@ import numpy as np
 from .dead_time import DeadTime
 from .events import EventArray, EventArrayError
 from .pose_track import PoseTrack
+from .waiting_events import WaitingEvents, joined
 
 #: Before any event.
 _NEVER_NS = -(2**62)
@@ -33,7 +34,7 @@ class EventQueue:
 
     def __init__(self, most_events: int) -> None:
         self._most = most_events
-        self._parts: deque[EventArray] = deque()
+        self._parts: deque[WaitingEvents] = deque()
         self._count = 0
         self.dropped = 0
         self.newest_ns = _NEVER_NS
@@ -45,7 +46,7 @@ class EventQueue:
     @property
     def first_ns(self) -> int:
         """Time of the oldest event; IndexError if there is none."""
-        return int(self._parts[0].t_ns[0])
+        return self._parts[0].time_of(0)
 
     def add(self, events: EventArray) -> None:
         """Take events in order of time.
@@ -63,7 +64,7 @@ class EventQueue:
                 f"events begin {behind_s:.6f} s before the newest of those that came before; "
                 "expected events in order of time"
             )
-        self._parts.append(events)
+        self._parts.append(WaitingEvents.of(events))
         self._count += len(events)
         self.newest_ns = int(events.t_ns[-1])
         while self._count > self._most and len(self._parts) > 1:
@@ -75,8 +76,8 @@ class EventQueue:
         """Events before a time."""
         count = 0
         for part in self._parts:
-            if part.t_ns[-1] >= t_ns:
-                return count + int(np.searchsorted(part.t_ns, t_ns))
+            if part.time_of(-1) >= t_ns:
+                return count + part.count_before(t_ns)
             count += len(part)
         return count
 
@@ -90,19 +91,19 @@ class EventQueue:
         """
         for part in self._parts:
             if number < len(part):
-                return int(part.t_ns[number])
+                return part.time_of(number)
             number -= len(part)
         raise IndexError("fewer events wait")
 
     def first(self, count: int) -> EventArray:
         """The oldest events; they stay."""
-        found: list[EventArray] = []
+        found: list[WaitingEvents] = []
         for part in self._parts:
             if count <= 0:
                 break
             found.append(part if len(part) <= count else part[:count])
             count -= len(part)
-        return EventArray.concatenate(found)
+        return joined(found)
 
     def take(self, count: int) -> EventArray:
         """The oldest events; they go."""
