@@ -19,4 +19,4 @@ _NICE = 3
 def main() -> None:
     """Run the node."""
     give_way(_NICE)
-    sys.exit(run_node(lambda: StageNode(BrailleStage)))
+    sys.exit(run_node(lambda: StageNode(BrailleStage), 0))

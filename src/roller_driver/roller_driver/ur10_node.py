@@ -176,4 +176,4 @@ class Ur10Node(RollerNode):
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(Ur10Node))
+    sys.exit(run_node(Ur10Node, 0))

@@ -9,7 +9,10 @@ from roller_ros.stage_node import StageNode
 
 from .depth_stage import DepthStage
 
+#: Four depth maps of 640×480 px, each of three images; one of 1280×720.
+_SHARED_BYTES = 16 << 20
+
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(lambda: StageNode(DepthStage)))
+    sys.exit(run_node(lambda: StageNode(DepthStage), _SHARED_BYTES))

@@ -128,4 +128,4 @@ class RecorderNode(RollerNode):
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(RecorderNode))
+    sys.exit(run_node(RecorderNode, 0))

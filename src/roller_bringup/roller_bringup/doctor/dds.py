@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roller_bringup.dds_profile import PROFILE
+from roller_ros.dds_profile import PROFILE
 
 from .dds_peer import LARGE, MESSAGES, SMALL
 from .result import Result, fault, ok, warning

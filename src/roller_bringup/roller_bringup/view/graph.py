@@ -22,12 +22,12 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from roller_bringup.dds_profile import listen_only
 from roller_core import outputs
 from roller_core.frame_names import BASE_FRAME, TOOL_FRAME
 from roller_core.last_resort import ends_within
 from roller_core.serialized_cloud import SerializedCloud
 from roller_ros import qos
+from roller_ros.dds_profile import sharing_less
 from roller_ros.images import image_to_array
 from roller_ros.polling import subscribe_quietly, waiting
 from roller_ros.refusals import init_ros
@@ -69,16 +69,16 @@ class Graph:
         self._scene = scene
         self._cell = namespace.strip("/")
         self._other_cells: set[str] = set()
-        listen_only()
         self._context = Context()
-        init_ros(context=self._context)
-        self._node = Node(
-            "view",
-            namespace=namespace,
-            context=self._context,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        with sharing_less():
+            init_ros(context=self._context)
+            self._node = Node(
+                "view",
+                namespace=namespace,
+                context=self._context,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
         self._map_points = 0.0
         self._tool = TOOL_FRAME
         self._pose: tuple[int, Any] | None = None
