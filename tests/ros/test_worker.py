@@ -87,11 +87,23 @@ def test_where_nothing_more_is_to_come_it_is_idle_sooner(make):
     # Far less than what it would wait else has passed in short waits, however slow the machine is.
     made.worker._idle_s = LONG_S
     made.worker._handle(2)
-    assert not made.worker._long_enough(LONG_S / 4 - 0.1)
-    assert made.worker._long_enough(LONG_S / 4)
+    assert not made.worker._long_enough(0.0, LONG_S / 4 - 0.1)
+    assert made.worker._long_enough(0.0, LONG_S / 4)
     made.settled = False
-    assert not made.worker._long_enough(LONG_S - 0.1)
-    assert made.worker._long_enough(LONG_S)
+    assert not made.worker._long_enough(LONG_S - 0.1, LONG_S)
+    assert made.worker._long_enough(LONG_S, 0.0)
+
+
+def test_what_keeps_awake_does_so_until_nothing_more_is_to_come(make):
+    made = make(0.4)
+    made.worker._handle = lambda _: made.worker.keep_awake()
+    made.settled = True
+    made.worker.submit("event")
+    end = time.monotonic() + LONG_S
+    while "idle" not in made.did:
+        assert time.monotonic() < end
+        made.worker.submit("pose", False)
+        time.sleep(0.01)
 
 
 def test_a_machine_that_stood_still_was_not_idle(make, monkeypatch):

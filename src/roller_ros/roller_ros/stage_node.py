@@ -172,7 +172,7 @@ class StageNode(RollerNode):
 
     def _settled(self) -> bool:
         with self._working:
-            return self.stage.settled
+            return self.stage.settled and not self._poses_are_late()
 
     def _flush(self) -> None:
         with self._working:

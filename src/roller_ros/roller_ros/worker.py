@@ -70,7 +70,8 @@ class Worker(Generic[T]):
         self._busy = False
         #: Whether nothing has come since the work was done that is done when nothing comes.
         self.idle = True
-        self._came = 0  # items that keep awake
+        self._submitted = 0  # items that keep awake
+        self._came = 0  # the same, and those that turned out to
         self._thread = WatchedThread("worker", self._work, self._stop, end_process)
         self._thread.start()
 
@@ -88,11 +89,12 @@ class Worker(Generic[T]):
         """
         with self._ready:
             self.backlog.add(item, bulk)
+            self._submitted += keeps_awake
             self._came += keeps_awake
             self._ready.notify()
 
     def keep_awake(self) -> None:
-        """Let the item at hand count for `idle_s`."""
+        """Let the item at hand count for `idle_s`, but where all is settled."""
         with self._ready:
             self._came += 1
 
@@ -121,6 +123,8 @@ class Worker(Generic[T]):
         # Idle time is the sum of short waits in vain, each counted as no longer than it was to be,
         # and of work on what had come before: while it lasted, more could have come.
         idle_s, came = 0.0, 0
+        # The same without what `keep_awake` says: all came long ago where a queue was worked off.
+        quiet_s, submitted = 0.0, 0
         while True:
             begun = time.monotonic()
             with self._ready:
@@ -132,16 +136,21 @@ class Worker(Generic[T]):
                 self._busy = entry is not None
             if entry is not None:
                 self._handle(entry.item)
+            passed_s = min(time.monotonic() - begun, _WAIT_S)
             if self._came != came:
                 idle_s, self.idle, came = 0.0, False, self._came
             else:
-                idle_s += min(time.monotonic() - begun, _WAIT_S)
-            if not self.idle and not self.backlog and self._long_enough(idle_s):
+                idle_s += passed_s
+            if self._submitted != submitted:
+                quiet_s, submitted = 0.0, self._submitted
+            else:
+                quiet_s += passed_s
+            if not self.idle and not self.backlog and self._long_enough(idle_s, quiet_s):
                 self._busy = True
                 self._on_idle()
                 self.idle = True
             self._busy = False
 
-    def _long_enough(self, idle_s: float) -> bool:
-        sooner = idle_s >= self._idle_s * _SETTLED and self._settled()
+    def _long_enough(self, idle_s: float, quiet_s: float) -> bool:
+        sooner = quiet_s >= self._idle_s * _SETTLED and self._settled()
         return sooner or idle_s >= self._idle_s
