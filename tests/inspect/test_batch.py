@@ -1,6 +1,7 @@
 """`roller batch`: one failure is a row, what is done stays done."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -13,6 +14,8 @@ import pytest
 
 from recording.bags import analytic_dataset, write_bag
 from roller_bringup.cli import main
+from roller_core import calibration_file
+from roller_core.errors import RollerError
 from roller_inspect.batch import dask_workers, jobs
 from roller_inspect.batch.jobs import find_recordings
 from waiting import wait_until
@@ -293,7 +296,7 @@ def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     ["--jobs 0", "--jobs -5", "--jobs 1e9", "--timeout-s nan", "--timeout-s 1e300", "--timeout-s x",
-     "--memory-mb -4", "--memory-mb 18446744073709551616"],
+     "--memory-mb -4", "--memory-mb 200", "--memory-mb 18446744073709551616"],
 )  # fmt: skip
 def test_numbers_out_of_range_are_wrong_usage(
     words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -303,3 +306,61 @@ def test_numbers_out_of_range_are_wrong_usage(
         main(["batch", str(tmp_path), "--output", str(tmp_path.parent / "out"), name, value])
     assert end.value.code == 2
     assert f"'{value}' is not a" in capsys.readouterr().err
+
+
+def test_folders_that_are_none_are_wrong_usage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A misspelt one among others would cost its recordings without a word."""
+    (scans := tmp_path / "scans").mkdir()
+    (file := scans / "a.mcap").write_text("a")
+    for wrong, says in ((tmp_path / "scnas", "is not there"), (file, "is a file; name the folder")):
+        words = ["batch", str(scans), str(wrong), "--output", str(tmp_path / "out")]
+        assert main(words) == 2
+        assert capsys.readouterr().err.startswith(f"error: {wrong}: {says}")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_cannot_be_read_costs_itself_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("closed/one", "open/secret", "open/two"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / f"{name}.mcap").write_text(name)
+    (tmp_path / "empty").mkdir()
+    closed, walked = str(tmp_path / "closed"), os.scandir
+
+    def scandir(path: Any) -> Any:  # permissions don't hold whoever is root
+        if os.fspath(path) == closed:
+            raise PermissionError(13, "Permission denied", closed)
+        return walked(path)
+
+    def digest(path: Path) -> str:
+        if path.stem == "secret":
+            raise RollerError(f"{path}: can't be read (Permission denied)")
+        return path.stem
+
+    tried: list[jobs.Job] = []
+    monkeypatch.setattr(os, "scandir", scandir)
+    monkeypatch.setattr(calibration_file, "digest", digest)
+    monkeypatch.setattr(
+        jobs, "run_job", lambda job: tried.append(job) or jobs.failed(job, "not tried", 0.0)
+    )
+    folders = [str(tmp_path / name) for name in ("closed", "open", "empty")]
+    assert main(["batch", *folders, "--output", str(tmp_path / "out")]) == 1
+    assert sorted(Path(job.source).name for job in tried) == ["secret.mcap", "two.mcap"]
+    said = capsys.readouterr().err
+    assert f"warning: {closed}: can't be read (Permission denied)" in said
+    assert f"warning: {tmp_path / 'empty'}: no recordings there" in said
+
+
+def test_a_job_that_lacks_memory_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job = jobs.Job("k", "scan", str(tmp_path / "out"), (), False, 0.0, 600_000_000)
+    code = (
+        'import sys; print("RuntimeError: can\'t start new thread", file=sys.stderr); sys.exit(1)'
+    )
+    monkeypatch.setattr(jobs, "_CHILD", code)
+    row = jobs.run_job(job)
+    assert row.error == (
+        "needed more memory than --memory-mb 600 (RuntimeError: can't start new thread)"
+    )

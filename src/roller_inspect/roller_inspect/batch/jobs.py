@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,8 @@ _BOUND = (
     "n and resource.setrlimit(resource.RLIMIT_DATA, (n, n)); "
 )
 _CHILD = _BOUND + "from roller_inspect.commands.inspect import main; sys.exit(main())"
+#: What Python and the libraries say where memory is short.
+_LACKS_MEMORY = re.compile(r"memory|Memory|can't start new thread")
 _SUFFIXES = (".mcap", ".db3", ".bag", *event_file.SUFFIXES)
 
 
@@ -66,13 +68,16 @@ class Row:
     kept: bool = False
 
 
-def find_recordings(folders: Sequence[Path]) -> Iterator[Path]:
+def find_recordings(
+    folders: Sequence[Path], unread: Callable[[OSError], object] | None = None
+) -> Iterator[Path]:
     """Recordings in folders: rosbag2 and dataset folders, and single files that lie in none.
 
     What a replay or an inspection wrote there is no recording. Links to folders are followed.
+    `unread` is told of folders that can't be read.
     """
     for folder in folders:
-        files = sorted(_files(folder))
+        files = sorted(_files(folder, unread))
         bags = sorted({f.parent for f in files if f.name in ("metadata.yaml", "events.txt")})
         yield from (b for b in bags if not {b.name, "report.json"} <= entries_made(b.parent).keys())
         for path in files:
@@ -89,10 +94,10 @@ def poses_beside(recording: Path) -> Path | None:
     return poses if events_alone and poses.is_file() else None
 
 
-def _files(folder: Path) -> Iterator[Path]:
+def _files(folder: Path, unread: Callable[[OSError], object] | None) -> Iterator[Path]:
     """Files below a folder; of one that links lead to several times those of one place."""
     seen = set()
-    for place, folders, names in os.walk(folder, followlinks=True):
+    for place, folders, names in os.walk(folder, onerror=unread, followlinks=True):
         folders.sort()
         whole = os.path.realpath(place)
         if whole in seen:  # or within itself
@@ -126,8 +131,11 @@ def run_job(job: Job) -> Row:
             said = next((line for line in lines if line.startswith("error: ")), lines[-1:] or "")
             # The row names its source already.
             error = str(said if isinstance(said, str) else said[0]).removeprefix("error: ")
-            error = re.sub(rf"^(bag )?{re.escape(job.source)}: ", "", error)
+            error = _without_name(error, job)
             error = error or f"ended with {done.returncode}"
+            if job.memory_bytes and _LACKS_MEMORY.search(error):
+                limit_mb = job.memory_bytes // 1_000_000
+                error = f"needed more memory than --memory-mb {limit_mb} ({error})"
             if done.returncode != 1 or not (folder / "inspection.json").is_file():
                 return failed(job, error, begin)
     try:
@@ -144,9 +152,14 @@ def run_job(job: Job) -> Row:
         len(depths),
         max(depths, key=abs, default=None),
         job.earlier_s if kept else round(time.monotonic() - begin, 2),
-        error or "; ".join(document["faults"]),
+        error or "; ".join(_without_name(fault, job) for fault in document["faults"]),
         kept,
     )
+
+
+def _without_name(error: str, job: Job) -> str:
+    """An error without the recording's name, which its row says already."""
+    return re.sub(rf"^(bag )?{re.escape(job.source)}: ", "", error)
 
 
 def failed(job: Job, error: str, begin: float | None = None) -> Row:

@@ -66,7 +66,8 @@ def _page(rows: Sequence[Row], counts: Counter[str], results: Path) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Batch</title>'
         f"<style>{style}{_STYLE}</style></head>\n<body><main>"
-        f"<h1>{len(rows)} recordings: {escape(said)}</h1>\n<table><thead><tr><th>recording</th>"
+        f"<h1>{len(rows)} recording{'s' if len(rows) != 1 else ''}: {escape(said)}</h1>\n"
+        "<table><thead><tr><th>recording</th>"
         "<th>verdict</th><th>measured</th><th>findings</th><th>deepest µm</th><th>deviation</th>"
         f"</tr></thead><tbody>\n{body}</tbody></table></main></body></html>\n"
     )

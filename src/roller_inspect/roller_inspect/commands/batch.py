@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from roller_inspect.batch.jobs import Job, Row
     from roller_inspect.recipe import Recipe
 
+#: With less the libraries can't be loaded, or don't end to try.
+_LEAST_MEMORY_MB = 500
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `batch` to the command's parser."""
@@ -53,10 +56,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument(
         "--memory-mb",
-        type=number(int, 0, 1_000_000),
+        type=_memory_mb,
         default=0,
         metavar="MB",
-        help="most memory of a job (no limit)",
+        help=f"most memory of a job, {_LEAST_MEMORY_MB} or more (no limit)",
     )
     add_examples(
         parser,
@@ -80,11 +83,22 @@ def run(args: argparse.Namespace) -> int:
     except RecipeError as error:
         print(f"error: {error}", file=sys.stderr)
         return USAGE
-    sources = list(dict.fromkeys(find_recordings(args.folders)))
+    for folder in args.folders:
+        if not folder.is_dir():
+            there = "a file; name the folder that holds it" if folder.exists() else "not there"
+            print(f"error: {folder}: is {there}", file=sys.stderr)
+            return USAGE
+    unread: list[OSError] = []
+    found = {f: list(find_recordings([f], unread.append)) for f in args.folders}
+    for fault in unread:
+        print(f"warning: {fault.filename}: can't be read ({fault.strerror})", file=sys.stderr)
+    sources = list(dict.fromkeys(source for each in found.values() for source in each))
     if not sources:
         named = ", ".join(map(str, args.folders))
         print(f"error: {named}: no recordings there", file=sys.stderr)
         return USAGE
+    for folder in (folder for folder, each in found.items() if not each):
+        print(f"warning: {folder}: no recordings there", file=sys.stderr)
     jobs = _jobs(args, sources, recipe)
     reference = Path(recipe.reference.path) if recipe.reference.path else None
     inputs = [*args.folders, args.params, args.camera, args.recipe, reference]
@@ -108,9 +122,15 @@ def run(args: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
+def _memory_mb(text: str) -> int:
+    """Most memory of a job; 0: no limit."""
+    return 0 if text == "0" else number(int, _LEAST_MEMORY_MB, 1_000_000)(text)
+
+
 def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list[Job]:
     from roller_core.calibration_file import digest
     from roller_core.digests import data_digest
+    from roller_core.errors import RollerError
     from roller_inspect.batch.jobs import Job, poses_beside
     from roller_inspect.batch.summary import read_rows
     from roller_inspect.report.document import software
@@ -129,7 +149,11 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list
     for source in sources:
         poses = poses_beside(source)
         own = [] if poses is None else ["--poses", str(poses.resolve())]
-        found = [digest(source), *read, args.method, args.export, software()]
+        try:
+            data = digest(source)
+        except RollerError:
+            data = str(source.resolve())  # the job says what is wrong
+        found = [data, *read, args.method, args.export, software()]
         found += [digest(poses)] if poses is not None else []
         key = data_digest(found)[:16]
         if key in jobs:
