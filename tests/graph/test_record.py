@@ -197,6 +197,9 @@ def test_what_can_not_be_recorded_is_said(
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith(f"error: {message}")
         assert not bag.exists()
+    with pytest.raises(SystemExit):
+        main(["record", "--output", str(bag), "--duration", "1s"])
+    assert "'1s' is not a number of seconds" in capsys.readouterr().err
     assert main(["record", "--output", str(bag), "--duration", "0.5"]) == 1
     err = capsys.readouterr().err
     assert "error: no event packet came on /event_camera/events (ROS domain" in err
