@@ -1,5 +1,6 @@
 """Bags in several files."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -10,7 +11,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from recording.bags import Recipe, bag_messages, events_in, scan, write_messages
 from roller_recording.raw_message import RawMessage
+from roller_recording.reading.bag_folder import BagFolder
 from roller_recording.reading.bag_reader import BagReader
+from roller_recording.reading.base import RecordingError
 
 MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 
@@ -68,3 +71,12 @@ def test_files_that_the_metadata_do_not_know_yet(tmp_path: Path) -> None:
     shutil.copyfile(bag / names[0], bag / "backup.mcap")  # no part of the bag
     assert events_in(bag) == len(scan())
     assert "doesn't name bag_1.mcap, bag_2.mcap; read as well" in BagReader(bag).notes[0]
+
+
+def test_a_folder_of_results_names_the_bag_in_it(tmp_path):
+    for name in ("result", "bag"):  # of a replay; of the demonstration, beside it
+        (tmp_path / name).mkdir()
+        made = {"made_by": "roller", "format": 1, "made": {name: "x", "report.json": "y"}}
+        (tmp_path / ".roller-output.json").write_text(json.dumps(made))
+        with pytest.raises(RecordingError, match=f"the bag in it is {tmp_path / name}$"):
+            BagFolder.open(tmp_path)

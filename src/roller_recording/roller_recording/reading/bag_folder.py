@@ -10,12 +10,15 @@ from typing import Any
 
 import zstandard
 
+from roller_core.output_mark import entries_made
 from roller_core.text_file import TextFileError, read_yaml
 
 from .base import RecordingError, TruncatedRecordingError
 from .storage import MCAP, ROS1, SQLITE
 
 _ZSTD = ".zstd"
+#: In a folder of results: the recording, of the demonstration; else the results as topics.
+_BAGS_OF_RESULTS = ("bag", "result")
 _KINDS = (MCAP, SQLITE, ROS1)
 
 
@@ -52,6 +55,11 @@ class BagFolder:
         found = [file for file in found if _kind(file)]
         if path.is_dir():
             found = folder._as_listed(path, found)
+        made = entries_made(path) if not found and path.is_dir() else {}
+        if bags := [path / name for name in _BAGS_OF_RESULTS if name in made]:
+            raise RecordingError(
+                f"{path}: holds results and is no recording itself; the bag in it is {bags[0]}"
+            )
         if not found:
             raise RecordingError(
                 f"{path}: holds no rosbag2 storage (.mcap or .db3) and is no ROS 1 bag (.bag); "
