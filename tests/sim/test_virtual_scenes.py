@@ -201,6 +201,13 @@ def test_a_mesh_is_laid_on_the_plate(tmp_path):
         scene(f"mesh:{file}")
 
 
+def test_what_is_no_mesh_is_said_in_one_line(tmp_path, capfd):
+    (file := tmp_path / "part.txt").touch()
+    with pytest.raises(SceneError, match=r"no triangles in it; is it an STL file\?"):
+        scene(f"mesh:{file}")
+    assert capfd.readouterr() == ("", "")  # nothing of the library's own
+
+
 def test_defects_lie_where_their_marks_say():
     made = scene("defects", defects=30, defect_depths_mm=[0.1, 0.4], step_mm=0.04)
     skin = skin_over(made.relief, SkinSettings.create({}))

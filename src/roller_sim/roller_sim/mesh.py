@@ -37,7 +37,8 @@ def mesh_scene(path: str, settings: SceneSettings) -> Scene:
 
     if not Path(path).is_file():
         raise SceneError(f"mesh {path}: no such file")
-    mesh = o3d.io.read_triangle_mesh(path)
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        mesh = o3d.io.read_triangle_mesh(path)
     if not len(mesh.triangles):
         raise SceneError(f"mesh {path}: no triangles in it; is it an STL file?")
     vertices = np.asarray(mesh.vertices) * (1.0 if settings.mesh_unit == "mm" else 1e3)
