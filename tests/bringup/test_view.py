@@ -1,7 +1,10 @@
 """The operator's page over HTTP, without a browser."""
 
 import json
+import os
+import signal
 import struct
+import time
 import tracemalloc
 
 import numpy as np
@@ -23,6 +26,7 @@ from roller_bringup.view.findings import listed
 from roller_bringup.view.grid import MEASURED, UNMEASURED, Grid
 from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
+from roller_bringup.view.server import PageServer
 from roller_bringup.view.tiles import TILE
 from roller_core import outputs
 from roller_core.errors import RollerError
@@ -216,6 +220,26 @@ def test_a_recording_that_needs_more_than_its_name_is_sent_to_replay(tmp_path, c
         assert "`roller replay` takes that" not in said
     assert cli.main(["view", str(tmp_path / "nothing"), "--port", "0"]) == 1
     assert capsys.readouterr().err.strip().endswith("there is no such file or folder")
+
+
+def test_ctrl_c_is_how_the_page_ends(tmp_path, capsys):
+    folder = write_result(tmp_path / "a")
+    pages = []
+
+    def serve(self):
+        pages.append(self)
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(60)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(PageServer, "run", serve)
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            assert cli.main(["view", str(folder), "--port", "0"]) == 0
+        finally:
+            signal.signal(signal.SIGINT, before)
+    assert len(pages) == 1
+    assert capsys.readouterr().err == "ended\n"
 
 
 def test_bad_results_are_one_line_or_a_note(tmp_path):

@@ -85,8 +85,13 @@ def _scene_of(source: Path, aside: Path) -> Scene:
 
 def _serve(server: object) -> None:
     from roller_bringup.view.server import PageServer
+    from roller_core.signals import Terminated
 
     assert isinstance(server, PageServer)
     print(f"open {server.url}  (Ctrl-C ends it)", flush=True)
-    server.run()
+    try:
+        server.run()
+    except KeyboardInterrupt as interrupt:
+        if isinstance(interrupt, Terminated):
+            raise
     print("ended", file=sys.stderr)
