@@ -66,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
         golden = teach(maps, _warn)
         golden.save(output.partial)
     cells, step_m = int((golden.height_m == golden.height_m).sum()), golden.x_m[1] - golden.x_m[0]
-    print(f"golden reference of {golden.scans} scans, {cells * step_m**2 * 1e6:.0f} mm² are known")
+    scans = f"{golden.scans} scan{'s' if golden.scans > 1 else ''}"
+    print(f"golden reference of {scans}, {cells * step_m**2 * 1e6:.0f} mm² are known")
     reference = shlex.quote(f"golden:{args.output}")
     print(f"use it: roller inspect SCAN --output DIR --reference {reference}")
     return 0
