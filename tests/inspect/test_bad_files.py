@@ -22,6 +22,15 @@ def test_missing_input(tmp_path: Path, capsys: Capture) -> None:
         assert_matches(capsys.readouterr().err, "neither a file nor a folder")
 
 
+def test_a_folder_that_can_not_be_read(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder := tmp_path / "folder").mkdir()
+    asked = os.access  # permissions don't hold whoever is root
+    monkeypatch.setattr(os, "access", lambda path, mode: path != folder and asked(path, mode))
+    refuse(tmp_path, capsys, folder, r"folder: can't be read \(Permission denied\)$")
+
+
 def test_a_folder_that_is_no_bag(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "folder").mkdir()
     refuse(tmp_path, capsys, tmp_path / "folder", "no rosbag2 storage")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -156,12 +158,14 @@ def check_path(path: Path) -> None:
     Raises
     ------
     RecordingError
-        If it is neither a file nor a folder.
+        If it is neither a file nor a folder, or a folder that can't be read.
     """
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise RecordingError(f"{path}: neither a file nor a folder, but a pipe or a device")
+    if path.is_dir() and not os.access(path, os.R_OK | os.X_OK):
+        raise RecordingError(f"{path}: can't be read ({os.strerror(errno.EACCES)})")
 
 
 def is_dataset(path: Path) -> bool:
