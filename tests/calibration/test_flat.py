@@ -1,5 +1,6 @@
 """Depth range from a flat plate, by the part of a pass at one speed."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -193,3 +194,19 @@ def test_a_folder_is_no_parameter_file(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(words) == 1
     said = capsys.readouterr().err
     assert said == f"error: {tmp_path / 'cell'}: is a folder; give the name of a file\n"
+
+
+def test_a_place_where_nothing_can_be_written_is_said_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Some calibrations take minutes."""
+    (tmp_path / "file").touch()
+    words = ["calibrate", "flat", str(tmp_path / "no scan"), "--output"]
+    assert main([*words, str(tmp_path / "file" / "cell.yaml")]) == 1
+    assert "cell.yaml: can't be written (Not a directory)" in capsys.readouterr().err
+    asked = os.access  # permissions don't hold whoever is root
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path and asked(path, mode))
+    assert main([*words, str(tmp_path / "new" / "cell.yaml")]) == 1
+    said = capsys.readouterr().err
+    file = tmp_path / "new" / "cell.yaml"
+    assert said == (f"error: {file}: can't be written (Permission denied); give another --output\n")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -55,10 +57,20 @@ def add_kind(
                 refuse_overlap(source, args.output)
         if args.output is not None and args.output.is_dir():
             raise UnwritableOutputError(f"{args.output}: is a folder; give the name of a file")
+        if args.output is not None:
+            _check_writable(args.output)
         return run(args)
 
     parser.set_defaults(run=checked)
     return parser
+
+
+def _check_writable(file: Path) -> None:
+    """Refuse what can't be written, before the work: the first folder above that is there."""
+    above = next(folder for folder in file.resolve().parents if os.path.exists(folder))
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        reason = os.strerror(errno.EACCES if above.is_dir() else errno.ENOTDIR)
+        raise UnwritableOutputError(f"{file}: can't be written ({reason}); give another --output")
 
 
 def check_mm(option: str, value: float, least: float = 0.1, most: float = 100.0) -> None:
