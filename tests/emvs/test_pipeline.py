@@ -59,6 +59,12 @@ def scan() -> EventArray:
     return tilted_scan(DURATION_S)
 
 
+def test_a_range_in_millimetres_shows_in_the_reason(scan: EventArray) -> None:
+    found = reconstruct(rolling(0.3), scan, depth_min_m=43.0, depth_max_m=47.0)
+    assert isinstance(found[0], RefusedWindow)
+    assert "over depths of 43 to 47 m is below 2 px" in found[0].reason
+
+
 def test_focus_leaves_out_what_pixels_tell_when_they_wake_up(scan: EventArray) -> None:
     events, edges = waking(scan, MS), np.unique(lines(tilted)[:, 0])
     for method, least, most in (("focus", 0.95, 1.0), ("bma", 0.0, 0.8)):

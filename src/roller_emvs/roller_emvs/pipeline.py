@@ -153,8 +153,9 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         parallax = parallax_px(packets, camera, poses[-1], s.depth_min_m, s.depth_max_m)
         if parallax < MIN_PARALLAX_PX:
             raise ParallaxError(
-                f"parallax of {parallax:.2f} px over the depth range is below "
-                f"{MIN_PARALLAX_PX:g} px: too little motion across the view for a depth"
+                f"parallax of {parallax:.2f} px over depths of {s.depth_min_m:g} to "
+                f"{s.depth_max_m:g} m is below {MIN_PARALLAX_PX:g} px: too little motion across "
+                "the view for a depth"
             )
         return PreparedWindow(window, packets, poses[:-1], poses[-1], middle_ns, parallax, notes)
 
