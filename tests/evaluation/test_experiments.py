@@ -284,6 +284,14 @@ def test_wrong_options_get_one_line(
     assert says in errors[0]
 
 
+def test_what_is_no_number_is_said_without_names_of_ours(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["evaluate", "coating", "--speeds", "0.3m/s"])
+    assert "--speeds: '0.3m/s' is not numbers with commas" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [["--only", ""], ["--lights", ","], ["pod", "--kinds", " "]])
 def test_a_choice_of_nothing_replaces_no_results(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -21,7 +21,10 @@ def words(text: str) -> tuple[str, ...]:
 
 def numbers(text: str) -> tuple[float, ...]:
     """Numbers of an option, separated by commas, each of them once."""
-    return tuple(dict.fromkeys(float(word) for word in words(text)))
+    try:
+        return tuple(dict.fromkeys(float(word) for word in words(text)))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not numbers with commas") from None
 
 
 def given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
