@@ -296,7 +296,7 @@ def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     ["--jobs 0", "--jobs -5", "--jobs 1e9", "--timeout-s nan", "--timeout-s 1e300", "--timeout-s x",
-     "--memory-mb -4", "--memory-mb 200", "--memory-mb 18446744073709551616"],
+     "--memory-mb -4", "--memory-mb 200", "--memory-mb 900", "--memory-mb 18446744073709551616"],
 )  # fmt: skip
 def test_numbers_out_of_range_are_wrong_usage(
     words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

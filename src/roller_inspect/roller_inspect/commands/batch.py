@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from roller_inspect.batch.jobs import Job, Row
     from roller_inspect.recipe import Recipe
 
-#: With less the libraries can't be loaded, or don't end to try.
-_LEAST_MEMORY_MB = 500
+#: With less a job may hang: with 200 and 500 libraries did, where a thread couldn't be started.
+_LEAST_MEMORY_MB = 1000
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
