@@ -88,9 +88,9 @@ def _card(f: Mapping[str, Any], pictured: Pictured) -> str:
     chart.outline(np.array([x0, x1]) * 1e3, np.array([y0, y1]) * 1e3, "cut")
     u = f["uncertainty"]["depth_m"]
     words = (
-        f"<b>{f['id']}</b> {f['kind']}, {f['length_m'] * 1e3:.2f} × {f['width_m'] * 1e3:.2f} mm, "
+        f"<b>{f['id']}</b> {f['kind']}, {'at least ' if f['at_least'] else ''}"
+        f"{f['length_m'] * 1e3:.2f} × {f['width_m'] * 1e3:.2f} mm, "
         f"{with_u(f['depth_m'], u, 1e6, 0, sign=True)} µm"
-        + (" at least, as it goes on beyond what was searched" if f["at_least"] else "")
         + (" (seen by edges alone)" if f["cues"] == ["edges"] else "")
         + (f", edge raised by {f['rim_m'] * 1e6:.0f} µm: " if f["rim_m"] else ": ")
         + f'<b class="{f["verdict"]}">{WORDS[f["verdict"]].lower()}</b>'
