@@ -13,12 +13,11 @@ from roller_ros.dds_profile import PROFILE, sharing_less
 NODE = """
 import re, sys
 import rclpy
-from roller_ros.dds_profile import sharing_less
+from roller_ros.dds_profile import less_shared
 from roller_ros.refusals import init_ros
 
-with sharing_less(int(sys.argv[1])):
-    init_ros([])
-    node = rclpy.create_node("sends_little")
+init_ros([])
+node = less_shared(lambda: rclpy.create_node("sends_little"), int(sys.argv[1]))()
 line = r"(?m)^([0-9a-f]+)-([0-9a-f]+) .*/fastdds_[0-9a-f]+$"
 found = re.findall(line, open("/proc/self/maps").read())
 print(max(int(b, 16) - int(a, 16) for a, b in found))

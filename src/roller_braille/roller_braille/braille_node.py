@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from roller_ros.dds_profile import less_shared
 from roller_ros.node_main import run_node
 from roller_ros.priority import give_way
 from roller_ros.stage_node import StageNode
@@ -19,4 +20,4 @@ _NICE = 3
 def main() -> None:
     """Run the node."""
     give_way(_NICE)
-    sys.exit(run_node(lambda: StageNode(BrailleStage), 0))
+    sys.exit(run_node(less_shared(lambda: StageNode(BrailleStage))))

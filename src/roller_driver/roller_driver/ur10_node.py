@@ -17,6 +17,7 @@ from roller_driver.ur10.receiver import RobotReceiver, RobotSample
 from roller_driver.ur10.receiver_status import SEARCHING, ReceiverStatus
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_ros import diagnostics, messages, qos, topics
+from roller_ros.dds_profile import less_shared
 from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
@@ -176,4 +177,4 @@ class Ur10Node(RollerNode):
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(Ur10Node, 0))
+    sys.exit(run_node(less_shared(Ur10Node)))

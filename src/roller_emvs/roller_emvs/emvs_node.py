@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from roller_ros.dds_profile import less_shared
 from roller_ros.node_main import run_node
 from roller_ros.stage_node import StageNode
 
@@ -15,4 +16,4 @@ _SHARED_BYTES = 16 << 20
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(lambda: StageNode(DepthStage), _SHARED_BYTES))
+    sys.exit(run_node(less_shared(lambda: StageNode(DepthStage), _SHARED_BYTES)))

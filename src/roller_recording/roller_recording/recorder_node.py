@@ -14,6 +14,7 @@ from roller_recording.writing.one_camera import OneCamera
 from roller_recording.writing.polled_subscriptions import PolledSubscriptions
 from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_ros import diagnostics, topics
+from roller_ros.dds_profile import less_shared
 from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
@@ -128,4 +129,4 @@ class RecorderNode(RollerNode):
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(RecorderNode, 0))
+    sys.exit(run_node(less_shared(RecorderNode)))

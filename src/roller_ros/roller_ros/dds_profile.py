@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
+
+N = TypeVar("N")
 
 #: The environment's variable that names it.
 PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
@@ -20,7 +23,7 @@ def sharing_less(most_bytes: int = 0) -> Iterator[None]:
     """Have Fast DDS keep less shared memory than the profile says, for who sends little.
 
     Fast DDS touches all of it when the first node of a process is made, so what is never used
-    counts too. That node is to be made within this context, and ROS to be started.
+    counts too. That node is to be made within this context.
 
     Parameters
     ----------
@@ -40,6 +43,16 @@ def sharing_less(most_bytes: int = 0) -> Iterator[None]:
             yield
         finally:
             os.environ[PROFILE] = before
+
+
+def less_shared(make: Callable[[], N], most_bytes: int = 0) -> Callable[[], N]:
+    """What makes a node, in a process that sends little; see `sharing_less`."""
+
+    def made() -> N:
+        with sharing_less(most_bytes):
+            return make()
+
+    return made
 
 
 def _changed(profile: Path, most_bytes: int) -> str:

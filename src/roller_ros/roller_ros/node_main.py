@@ -8,7 +8,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -17,7 +17,6 @@ from roller_core.errors import TRACEBACK, RollerError, describe_fault_of_ours
 from roller_core.last_resort import ends_within
 from roller_core.signals import Interrupter
 
-from .dds_profile import sharing_less
 from .node import LEAVES_WITHIN_S, RollerNode
 from .refusals import init_ros, refused_name
 from .worker import ENDED
@@ -25,16 +24,8 @@ from .worker import ENDED
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def run_node(make: Callable[[], RollerNode], shared_bytes: int | None = None) -> int:
+def run_node(make: Callable[[], RollerNode]) -> int:
     """Spin a node until it is interrupted or its worker gives up.
-
-    Parameters
-    ----------
-    make : callable
-        Makes the node.
-    shared_bytes : int, optional
-        Shared memory that is enough for what it sends; see `sharing_less`. That of the Fast DDS
-        profile if not given.
 
     Returns
     -------
@@ -49,9 +40,8 @@ def run_node(make: Callable[[], RollerNode], shared_bytes: int | None = None) ->
         interrupter = Interrupter()
         for number in _SIGNALS:
             signal.signal(number, interrupter)  # starting may take long
-        with nullcontext() if shared_bytes is None else sharing_less(shared_bytes):
-            init_ros()
-            node = make()
+        init_ros()
+        node = make()
         with _ended_by_signals():
             rclpy.spin_until_future_complete(node, ENDED)
         if ENDED.done() and (error := ENDED.result()) is not None:
