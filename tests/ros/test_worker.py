@@ -37,6 +37,14 @@ class Made:
     def until(self, done: Callable[[], bool]) -> None:
         wait_until(done, lambda: self.did, LONG_S)
 
+    def poses_until_idle(self) -> None:
+        """Submit what doesn't keep awake, all the while."""
+        end = time.monotonic() + LONG_S
+        while "idle" not in self.did:
+            assert time.monotonic() < end
+            self.worker.submit("pose", False)
+            time.sleep(0.01)
+
 
 @pytest.fixture
 def make() -> Iterator[Callable[..., Made]]:
@@ -67,11 +75,7 @@ def test_what_does_not_keep_awake_neither_delays_nor_repeats_idleness(make):
     made = make(0.2)
     made.worker.submit("pose", False)
     made.worker.submit("event")
-    end = time.monotonic() + LONG_S
-    while "idle" not in made.did:
-        assert time.monotonic() < end
-        made.worker.submit("pose", False)
-        time.sleep(0.01)
+    made.poses_until_idle()
     made.worker.submit("pose", False)
     time.sleep(0.4)
     assert made.did.count("idle") == 1
@@ -99,11 +103,7 @@ def test_what_keeps_awake_does_so_until_nothing_more_is_to_come(make):
     made.worker._handle = lambda _: made.worker.keep_awake()
     made.settled = True
     made.worker.submit("event")
-    end = time.monotonic() + LONG_S
-    while "idle" not in made.did:
-        assert time.monotonic() < end
-        made.worker.submit("pose", False)
-        time.sleep(0.01)
+    made.poses_until_idle()
 
 
 def test_a_machine_that_stood_still_was_not_idle(make, monkeypatch):

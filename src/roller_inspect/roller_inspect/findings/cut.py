@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
+from roller_inspect.height_map.gaps import grown
 from roller_inspect.height_map.height_map import F32, Bools
 
 from .cues import distance
@@ -44,15 +44,9 @@ def lower_bounds(
         goes_on = np.pad(outer & known & (signed > least_m), _REACH)
     nothing = np.pad(outer & ~known, _REACH, constant_values=True)
     own = np.pad(shape, _REACH)
-    meets = (_within(own, 1) & goes_on | _within(own, _REACH) & nothing) & ~own
+    meets = (grown(own, 1) & goes_on | grown(own, _REACH) & nothing) & ~own
     if meets.sum() < _LEAST_CELLS:
         return ()
     near = (distance(~meets) * step_m <= _NEAR_M)[_REACH:-_REACH, _REACH:-_REACH] & shape & known
     deep = bool(near.any()) and float(signed[near].max()) > _DEEP * depth_m
     return (*("depth_m",) * deep, "length_m", "width_m", "area_m2", "volume_m3")
-
-
-def _within(cells: Bools, reach: int) -> Bools:
-    """Cells so near to some."""
-    ones = np.ones((2 * reach + 1,) * 2, np.uint8)
-    return np.asarray(cv2.dilate(cells.view(np.uint8), ones) > 0, bool)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from roller_inspect.height_map.gaps import grown
 from roller_inspect.height_map.height_map import Bools
 
 from .cues import Cues, distance
@@ -91,12 +92,6 @@ def _box(stats: npt.NDArray[np.int32], reach: int) -> tuple[slice, slice]:
     )
 
 
-def _grown(cells: Bools) -> Bools:
-    """Cells and those that touch them."""
-    ones = np.ones((3, 3), np.uint8)
-    return cv2.dilate(cells.view(np.uint8), ones).view(bool)  # type: ignore[no-any-return]
-
-
 def _floor(
     mask: Bools, found: Bools, found_m: float, depth: npt.NDArray[np.floating], step_m: float
 ) -> Bools | None:
@@ -126,7 +121,7 @@ def _floor(
     if np.percentile(depth[floor & found], _DEPTH_PERCENT) > _TIMES * found_m:
         return None
     # Where nothing is known it may go on.
-    border = _grown(floor) & ~floor & np.isfinite(depth)
+    border = grown(floor, 1) & ~floor & np.isfinite(depth)
     near = distance(~found) * step_m <= _NEAR_M
     if not border.any() or near[border].mean() < _WALLED:
         return None
