@@ -53,9 +53,9 @@ requirements: setup ## pin what requirements*.in ask for; UPGRADE=1: as new as i
 	@$(in_workspace) scripts/pin.sh
 
 clean: ## remove what setup, builds and tests made, and nothing else
-	@if [[ -d .venv/setup && ! -e .venv/setup/adopted ]]; then rm -rf .venv; \
-	  elif [[ -e .venv ]]; then echo "clean: .venv is not of our making: left"; fi
+	@if [[ ! -L .venv && -d .venv/setup && ! -e .venv/setup/adopted ]]; then rm -rf .venv; \
+	  elif [[ -e .venv || -L .venv ]]; then echo "clean: .venv is not of our making: left"; fi
 	@for folder in build install log; do \
-	  if [[ -e $$folder/COLCON_IGNORE ]]; then rm -rf $$folder; fi; done
+	  if [[ ! -L $$folder && -e $$folder/COLCON_IGNORE ]]; then rm -rf $$folder; fi; done
 	@rm -rf log/ros log/setup .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	@find src tests scripts underlay \( -name __pycache__ -o -name '*.egg-info' \) -prune -exec rm -rf {} +

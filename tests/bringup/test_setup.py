@@ -303,3 +303,9 @@ def test_cleaning_removes_what_set_up_and_builds_made(tmp_path):
         (tmp_path / ".venv" / mark).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / ".venv" / mark).touch()
         assert ".venv" in clean()
+    (tmp_path / ".venv/setup/adopted").unlink()
+    (tmp_path / ".venv").rename(tmp_path / "shared")
+    for link in (".venv", "build"):  # to what lies elsewhere
+        (tmp_path / link).symlink_to("shared")
+    (tmp_path / "shared/COLCON_IGNORE").touch()
+    assert {".venv", "build"} < clean()

@@ -29,7 +29,9 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
         f"{{truth_output: {tmp_path / 'truth'}, "
         "scene: {margin_mm: 4.0, width_mm: 6.0, step_mm: 0.04}, camera: {height: 180}}"
     )
-    overrides.write_text(f"virtual_cell:\n  ros__parameters: {cell}\n")
+    # A part that is finished later than the outputs are quiet is waited for.
+    late = "inspect:\n  ros__parameters: {idle_flush_s: 4.0}\n"
+    overrides.write_text(f"virtual_cell:\n  ros__parameters: {cell}\n{late}")
     arguments = {
         "scene": "stairs", "speed": "0.1", "method": "surface", "braille": "false",
         "inspect": "true",

@@ -49,9 +49,10 @@ class Observation:
 
     @property
     def drained(self) -> bool:
-        """Whether no node says that it has messages waiting."""
-        every = (values for _, values in self.statuses.values())
-        return all(values.get("waiting_messages", "0") == "0" for values in every)
+        """Whether no node says that it has messages waiting, or a part or a window to end."""
+        every = [values for _, values in self.statuses.values()]
+        waiting = any(values.get("waiting_messages", "0") != "0" for values in every)
+        return not waiting and all(values.get("idle", "1") == "1" for values in every)
 
 
 class Observer:

@@ -8,9 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .errors import RollerError
+from .pose_errors import (
+    NoPosesError,
+    PoseError,
+    PoseExtrapolationError,
+    PoseGapError,
+    PoseJumpError,
+    PoseOrderError,
+    PoseValueError,
+)
 from .timing_settings import DEFAULT_MAX_POSE_GAP_S
 from .transforms import F64, pose_matrix, slerp
+
+__all__ = [
+    "FASTEST_M_S", "NoPosesError", "Pose", "PoseError", "PoseExtrapolationError", "PoseGapError",
+    "PoseJumpError", "PoseOrderError", "PoseTrack", "PoseValueError", "unit_pose",
+]  # fmt: skip
 
 I64 = npt.NDArray[np.int64]
 
@@ -18,47 +31,6 @@ I64 = npt.NDArray[np.int64]
 FASTEST_M_S = 5.0
 #: Places further from base than this are rounded to more than a micrometre, m.
 _FARTHEST_M = 1e10
-
-
-class PoseError(RollerError):
-    """A pose that can't be had or used."""
-
-
-class NoPosesError(PoseError):
-    """The track holds no pose at all."""
-
-
-class PoseExtrapolationError(PoseError):
-    """A time before the first or after the last pose."""
-
-
-class PoseGapError(PoseError):
-    """A time between two poses that lie too far apart."""
-
-
-class PoseOrderError(PoseError):
-    """A pose older than the newest one: time ran backwards by `behind_s` seconds."""
-
-    behind_s: float = 0.0
-
-    @classmethod
-    def between(cls, t_ns: int, newest_ns: int) -> PoseOrderError:
-        """The error for a pose at `t_ns` after one at `newest_ns`."""
-        behind = (newest_ns - t_ns) * 1e-9
-        error = cls(
-            f"pose at {t_ns * 1e-9:.6f} s is {behind:.6f} s older than the one before it; "
-            "time runs backwards, check the clock of the pose source"
-        )
-        error.behind_s = behind
-        return error
-
-
-class PoseJumpError(PoseError):
-    """A pose further from the one before it than any arm moves in the time."""
-
-
-class PoseValueError(PoseError):
-    """A pose that is not finite, lies farther off than any robot or has no valid rotation."""
 
 
 @dataclass(frozen=True, slots=True)
