@@ -31,8 +31,15 @@ def ripple(x: F64, _: F64) -> F64:
     return 2e-4 * np.sin(2 * np.pi * x / 2e-3)
 
 
+def fine_ripple(x: F64, _: F64) -> F64:
+    """150 µm up and down, every 0.8 mm."""
+    return 1.5e-4 * np.sin(2 * np.pi * x / 8e-4)
+
+
 @pytest.mark.parametrize("reference", REFERENCES)
-@pytest.mark.parametrize("surface", [hail(150), hail(250), ripple], ids=["150", "250", "ripple"])
+@pytest.mark.parametrize(
+    "surface", [hail(150), hail(250), ripple, fine_ripple], ids=["150", "250", "ripple", "fine"]
+)
 def test_what_is_damaged_all_over_never_passes(surface: Surface, reference: str) -> None:
     part = finished(inspect(scan(surface, noise_m=1e-5), reference=reference)[1])
     assert part.judgement.verdict != "conform"

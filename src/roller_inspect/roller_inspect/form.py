@@ -23,7 +23,7 @@ from .recipe.tolerance import DEFAULT_TOLERANCE
 _FORM_M, _MOST_OFF = 5e-4, 0.01
 #: The same for a surface that is damaged all over. A wrong height is one that is off by so much, m:
 #: what is allowed less can't be told from a scan's errors.
-_ROUGH_M, _MOST_ROUGH, _WRONG_M = 1.5e-4, 0.03, 1e-4
+_ROUGH_M, _MOST_ROUGH, _WRONG_M = 1e-4, 0.03, 1e-4
 #: The width of a gap's rim, m. So much of it, m², lies off by this share of what is allowed, and by
 #: so much at least, m.
 _RIM_M = 5e-4
