@@ -10,7 +10,7 @@ import pytest
 from roller_core.transforms import F64
 from roller_inspect.judgement import Judged
 
-from .analytic_surface import Surface, scan
+from .analytic_surface import Surface, dent, scan
 from .inspecting import finished, inspect
 
 MIDDLE = (0.018, 0.0)
@@ -62,3 +62,18 @@ def test_two_that_lie_apart_stay_two(apart_m: float, seed: int, reference: str) 
         return np.minimum(one, other)
 
     assert len(findings(two, reference, seed)) == 2
+
+
+@pytest.mark.parametrize("reference", ["self", "nominal"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(("radius_m", "depth_m"), [(4e-3, 1e-4), (5e-3, 1e-4), (7e-3, 3e-4)])
+def test_a_bowl_and_its_flank_are_one(
+    radius_m: float, depth_m: float, seed: int, reference: str
+) -> None:
+    points = scan(dent((0.02, 0.0), radius_m, depth_m), length_m=0.04, width_m=0.024, seed=seed)
+    (judged,) = finished(inspect(points, reference=reference)[1]).judgement.findings
+    found = judged.finding
+    # Its outline runs where a fifth of its depth is reached.
+    fifth_m = radius_m * math.sqrt(1 - math.sqrt(0.2))
+    assert found.depth_m == pytest.approx(-depth_m, abs=found.uncertainty.depth_m)
+    assert found.length_m == pytest.approx(2 * fifth_m, abs=1.2 * found.uncertainty.length_m)

@@ -36,12 +36,16 @@ class Component:
 
     def share_in(self, other: Component) -> float:
         """Share of its cells that are another's too."""
+        return self.shared(other) / int(self.mask.sum())
+
+    def shared(self, other: Component) -> int:
+        """How many of its cells are another's too."""
         rows, columns = np.nonzero(self.mask)
         rows += self.rows.start - other.rows.start
         columns += self.columns.start - other.columns.start
         inside = (rows >= 0) & (rows < other.mask.shape[0])
         inside &= (columns >= 0) & (columns < other.mask.shape[1])
-        return float(other.mask[rows[inside], columns[inside]].sum()) / len(rows)
+        return int(other.mask[rows[inside], columns[inside]].sum())
 
     def grown(self, reach: int) -> Component:
         """The same and all cells within so many rows and columns of it."""

@@ -14,6 +14,7 @@ from .components import Component, components
 from .cues import height_cue
 from .finder_settings import FindingSettings
 from .finding import Finding
+from .flanks import joined
 from .floors import with_floors
 from .sizes import measure
 
@@ -74,7 +75,7 @@ def search(
     comparison = reference.compare(height_map, masked)
     cues = height_cue(height_map, comparison, settings, local)
     cues = with_floors(cues, height_map.step_m, settings)
-    parts = components(cues)
+    parts = joined(components(cues), cues, height_map.step_m)
     found: list[tuple[Finding, Component]] = []
     craters: list[Component] = []
     depths: list[tuple[float, Component]] = []
