@@ -40,12 +40,14 @@ class Component:
 
     def shared(self, other: Component) -> int:
         """How many of its cells are another's too."""
-        rows, columns = np.nonzero(self.mask)
-        rows += self.rows.start - other.rows.start
-        columns += self.columns.start - other.columns.start
-        inside = (rows >= 0) & (rows < other.mask.shape[0])
-        inside &= (columns >= 0) & (columns < other.mask.shape[1])
-        return int(other.mask[rows[inside], columns[inside]].sum())
+        top = max(self.rows.start, other.rows.start)
+        left = max(self.columns.start, other.columns.start)
+        own, its = (
+            c.mask[max(top - c.rows.start, 0) :, max(left - c.columns.start, 0) :]
+            for c in (self, other)
+        )
+        height, width = (min(a, b) for a, b in zip(own.shape, its.shape, strict=True))
+        return int((own[:height, :width] & its[:height, :width]).sum())
 
     def grown(self, reach: int) -> Component:
         """The same and all cells within so many rows and columns of it."""

@@ -152,18 +152,8 @@ def height_cue(
     weak = size > settings.weak_z
     outer = _outer(usable & (height_map.state != OUTSIDE))
     return Cues(
-        best,
-        weak,
-        strong,
-        usual,
-        around,
-        edges,
-        weights[0],
-        fine,
-        per_point,
-        usable,
-        outer,
-    )
+        best, weak, strong, usual, around, edges, weights[0], fine, per_point, usable, outer,
+    )  # fmt: skip
 
 
 def _grain(scale_cells: float) -> int:
