@@ -20,10 +20,10 @@ from .sizes import measure
 
 #: A rise that lies in a crater's outline by more than this share is the crater's edge.
 _RIM_SHARE = 0.5
-#: What is less than about its own uncertainty, and lies this near, m, to what is so many times as
-#: deep the other way, is the edge of that: the skin bridges walls, and their lines are the least
-#: sure. Chosen on the plates for tuning.
-_EDGE_DEPTH, _EDGE_M, _EDGE_SURE = 3.0, 3e-4, 1.1
+#: What is less than about its own uncertainty, and lies this near, m, to what is at least so many
+#: times as deep the other way, is the edge of that: the skin bridges walls, and their lines are the
+#: least sure. Chosen on the plates for tuning: none of the defects there goes with them.
+_EDGE_DEPTH, _EDGE_M, _EDGE_SURE = 1.0, 3e-4, 1.1
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def search(
 def _is_edge(
     finding: Finding, part: Component, depths: list[tuple[float, Component]], reach: int
 ) -> bool:
-    """Whether a finding is the edge of one that is far deeper, the other way."""
+    """Whether a finding is the edge of one that is deeper, the other way."""
     own = abs(finding.depth_m)
     if own >= _EDGE_SURE * finding.uncertainty.depth_m:
         return False
