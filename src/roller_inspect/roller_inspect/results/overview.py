@@ -206,7 +206,7 @@ def _draw_inspection(picture: Picture, box: tuple[int, int, int, int], folder: P
         outline = np.array([*f["outline_m"], f["outline_m"][0]])[:, :2] * 1e3
         panel.line(*outline.T)
         at = f["center_m"][0] * 1e3, f["center_m"][1] * 1e3
-        panel.label(*at, f"{f['depth_m'] * 1e6:+.0f}", "mm")
+        panel.label(*at, f"{f['depth_m'] * 1e6:+.0f}".replace("-", "−"), "mm")
     panel.close()
 
 
