@@ -76,4 +76,4 @@ def test_a_bowl_and_its_flank_are_one(
     # Its outline runs where a fifth of its depth is reached.
     fifth_m = radius_m * math.sqrt(1 - math.sqrt(0.2))
     assert found.depth_m == pytest.approx(-depth_m, abs=found.uncertainty.depth_m)
-    assert found.length_m == pytest.approx(2 * fifth_m, abs=1.2 * found.uncertainty.length_m)
+    assert found.length_m == pytest.approx(2 * fifth_m, abs=found.uncertainty.length_m)

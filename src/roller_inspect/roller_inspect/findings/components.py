@@ -49,6 +49,14 @@ class Component:
         height, width = (min(a, b) for a, b in zip(own.shape, its.shape, strict=True))
         return int((own[:height, :width] & its[:height, :width]).sum())
 
+    def placed(self, top: int, left: int, shape: tuple[int, ...]) -> Bools:
+        """Its cells in a window that holds them all and begins at a row and a column."""
+        out = np.zeros(shape, bool)
+        row, column = self.rows.start - top, self.columns.start - left
+        height, width = self.mask.shape
+        out[row : row + height, column : column + width] = self.mask
+        return out
+
     def grown(self, reach: int) -> Component:
         """The same and all cells within so many rows and columns of it."""
         around = np.pad(self.mask, reach).astype(np.uint8)

@@ -12,15 +12,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from roller_inspect.height_map.height_map import Bools
-
 from .components import Component
-from .cues import Cues, distance
-from .neighbourhood import RING_M
+from .cues import Cues
+from .neighbourhood import ring_around
 
 #: A piece is another's if a way leads there on which it stays as deep as this share of its own
-#: depth above the level around: a tenth of that ring at least lies so near to the reference.
-_SHARE, _LEVEL_PERCENT, _DEPTH_PERCENT = 0.7, 10, 90
+#: depth above the level around.
+_SHARE, _DEPTH_PERCENT = 0.7, 90
 #: Ways lead no further from a piece than this, m.
 _REACH_M = 3e-3
 
@@ -73,28 +71,15 @@ def _way(
         slice(max(s.start - reach, 0), s.stop + reach) for s in (part.rows, part.columns)
     )
     here = depth[rows, columns]
-    mask = _in_window(part, rows, columns, here.shape)
-    away = distance(~mask) * step_m
-    ring = here[(away > RING_M[0]) & (away < RING_M[1]) & np.isfinite(here)]
-    level = max(float(np.percentile(ring, _LEVEL_PERCENT)), 0.0) if len(ring) else np.inf
+    mask = part.placed(rows.start, columns.start, here.shape)
+    _, level = ring_around(mask, here, step_m)
     if found_m <= level:
         return None
     deep = here > level + _SHARE * (found_m - level)
     _, labels = cv2.connectedComponents((deep | mask).view(np.uint8))
-    return replace(part, rows=rows, columns=columns, mask=labels == labels[_first(mask)])
-
-
-def _first(mask: Bools) -> tuple[int, ...]:
-    return tuple(np.argwhere(mask)[0].tolist())
-
-
-def _in_window(part: Component, rows: slice, columns: slice, shape: tuple[int, ...]) -> Bools:
-    """A component's cells in a window that it lies in."""
-    out = np.zeros(shape, bool)
-    top, left = part.rows.start - rows.start, part.columns.start - columns.start
-    height, width = part.mask.shape
-    out[top : top + height, left : left + width] = part.mask
-    return out
+    return replace(
+        part, rows=rows, columns=columns, mask=labels == labels[tuple(np.argwhere(mask)[0])]
+    )
 
 
 def _union(one: Component, other: Component) -> Component:
@@ -107,5 +92,5 @@ def _union(one: Component, other: Component) -> Component:
         )
     )  # fmt: skip
     shape = rows.stop - rows.start, columns.stop - columns.start
-    mask = _in_window(one, rows, columns, shape) | _in_window(other, rows, columns, shape)
+    mask = np.logical_or(*(c.placed(rows.start, columns.start, shape) for c in (one, other)))
     return replace(other, rows=rows, columns=columns, mask=mask)

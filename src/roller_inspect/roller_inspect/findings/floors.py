@@ -17,13 +17,12 @@ from roller_inspect.height_map.height_map import Bools
 
 from .cues import Cues, distance
 from .finder_settings import FindingSettings
-from .neighbourhood import RING_M
+from .neighbourhood import ring_around
 
 #: Floors are looked for within this distance of what was found, m.
 _REACH_M = 12e-3
-#: A floor is deeper than this share of what was found beside it, above the level around: a tenth
-#: of that ring at least lies so near to the reference.
-_SHARE, _LEVEL_PERCENT, _DEPTH_PERCENT = 0.5, 10, 90
+#: A floor is deeper than this share of what was found beside it, above the level around.
+_SHARE, _DEPTH_PERCENT = 0.5, 90
 #: Where what else was found on it is so many times as deep, it is that one's.
 _TIMES = 1.3
 #: Smaller ones are ragged edges, m².
@@ -107,9 +106,7 @@ def _floor(
         Metres; minus infinity where it isn't known, or something else was found.
     """
     least = _LEAST_M2 / step_m**2
-    away = distance(~mask) * step_m
-    ring = depth[(away > RING_M[0]) & (away < RING_M[1]) & np.isfinite(depth)]
-    level = max(float(np.percentile(ring, _LEVEL_PERCENT)), 0.0) if len(ring) else np.inf
+    ring, level = ring_around(mask, depth, step_m)
     limit = level + _SHARE * (found_m - level)
     if limit <= level or (ring > limit).sum() < least:
         return None

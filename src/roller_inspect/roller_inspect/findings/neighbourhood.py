@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_inspect.height_map.height_map import F32, Bools, HeightMap
 from roller_inspect.references.reference import Comparison
@@ -14,6 +15,8 @@ from .cues import Cues, distance
 
 #: Width of the ring around a finding that its depth counts from, m.
 RING_M = (3e-4, 1.2e-3)
+#: The level around: a tenth of the ring at least lies so near to the reference.
+_LEVEL_PERCENT = 10
 
 
 @dataclass(frozen=True)
@@ -51,13 +54,7 @@ class Neighbourhood:
         )
         part = height_map.cropped(window[1], window[0])
         deviation = comparison.deviation_m[window]
-        mask = np.zeros(part.shape, bool)
-        row, column = (
-            component.rows.start - window[0].start,
-            component.columns.start - window[1].start,
-        )
-        rows, columns = component.mask.shape
-        mask[row : row + rows, column : column + columns] = component.mask
+        mask = component.placed(window[0].start, window[1].start, part.shape)
         fine = cues.fine_m[window]
         return cls(
             window, part, step, deviation, mask, cues.weak[window] & ~mask, cues.weight[window],
@@ -69,3 +66,22 @@ class Neighbourhood:
         away_m = distance(~self.mask) * self.step_m
         ring = (away_m > RING_M[0]) & (away_m < RING_M[1]) & self.known & ~self.others
         return float(np.median(self.fine[ring])) if ring.sum() >= 20 else 0.0
+
+
+def ring_around(
+    mask: Bools, depth: npt.NDArray[np.floating], step_m: float
+) -> tuple[npt.NDArray[np.floating], float]:
+    """Depths in a ring around some cells, and the level around; m, infinity where nothing is known.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (ny, nx)
+        The cells.
+    depth : ndarray, shape (ny, nx)
+        Metres; minus infinity where it isn't known.
+    step_m : float
+        Edge of a cell.
+    """
+    away_m = distance(~mask) * step_m
+    ring = depth[(away_m > RING_M[0]) & (away_m < RING_M[1]) & np.isfinite(depth)]
+    return ring, max(float(np.percentile(ring, _LEVEL_PERCENT)), 0.0) if len(ring) else np.inf
